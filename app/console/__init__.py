@@ -1,0 +1,1 @@
+"""The console: pad, pages and 3D scene."""

@@ -1,0 +1,1 @@
+"""Kinematics of piecewise-constant-curvature robots in bend vectors."""

@@ -1,0 +1,175 @@
+"""What crosses the seam between robot and consoles: values on the wire, MessagePack by msgspec.
+
+Hosts share no clock. A stamp is the robot's own time; a command echoes the stamp of the last state its sender had seen.
+"""
+
+from typing import Literal, TypeVar
+
+import msgspec
+
+Phase = Literal["disarmed", "homing", "ready", "driving", "holding", "stopped", "fault"]
+Pair = tuple[float, float]
+
+COMMAND_VALIDITY_S = 0.2
+"""A command moves the robot for this long after its arrival."""
+MAX_COMMAND_AGE_S = 0.5
+"""A command whose echoed stamp is older has been on the way too long and is dropped."""
+
+
+class Message(msgspec.Struct, frozen=True):
+    """Base of all messages: immutable."""
+
+
+class Intent(Message, frozen=True, kw_only=True):
+    """What the driver wants, as rates of −1…1 in the frame of the view (x right, y down)."""
+
+    primary: Pair = (0.0, 0.0)
+    """Section mode: bending of the chosen section."""
+    secondary: Pair = (0.0, 0.0)
+    """Section mode: bending of the tip section."""
+    feed: float = 0.0
+    twist: float = 0.0
+    section: int = 0
+    """Index of the chosen section."""
+    speed: float = 1.0
+    """Scale of all rates, 0…1."""
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """One command of the driver. `held` is the dead-man: without it nothing moves."""
+
+    lease: str
+    epoch: int
+    sequence: int
+    echo: float
+    """Stamp of the last RobotState its sender had seen [s, robot's clock]."""
+    mode: str = "section"
+    held: bool = False
+    intent: Intent = Intent()
+    input_stamp: float = 0.0
+    """When the device was read [s, sender's clock]; only for measuring."""
+
+
+class Request(Message, frozen=True, kw_only=True):
+    """Something that is asked once and answered: arm, disarm, home, clear the stop, lease, quit."""
+
+    what: Literal["arm", "disarm", "home", "clear", "quit", "acquire", "retain", "release", "take"]
+    lease: str = ""
+    who: str = ""
+    reason: str = ""
+
+
+class Reply(Message, frozen=True, kw_only=True):
+    """The answer to a request. When it is refused, `reasons` say why in words."""
+
+    ok: bool
+    reasons: tuple[str, ...] = ()
+    lease: str = ""
+    epoch: int = 0
+
+
+class Stop(Message, frozen=True, kw_only=True):
+    """Anybody may stop. `who` is shown to everybody."""
+
+    who: str = ""
+    reason: str = ""
+
+
+class Event(Message, frozen=True, kw_only=True):
+    """Something worth telling people, once."""
+
+    stamp: float
+    level: Literal["info", "warning", "alarm"]
+    text: str
+
+
+class Drives(Message, frozen=True, kw_only=True):
+    """Feedback of all drives, in the description's order. Lists of equal length."""
+
+    travel: tuple[float, ...]
+    """m of tendon paid out, m of feed, rad of twist, from the reference found in homing."""
+    setpoint: tuple[float, ...]
+    velocity: tuple[float, ...]
+    load: tuple[float, ...]
+    """Tendon tension or feed force [N], twist torque [N·m], from motor current."""
+    temperature: tuple[float, ...]
+    voltage: tuple[float, ...]
+    age: tuple[float, ...]
+    """Seconds since the last valid reply."""
+    valid: tuple[bool, ...]
+    fault: tuple[str, ...]
+    """In words; empty when there is none."""
+
+
+class Timing(Message, frozen=True, kw_only=True):
+    """The loop's own timing over the last seconds [s]."""
+
+    rate_Hz: float = 0.0
+    period_p50: float = 0.0
+    period_p99: float = 0.0
+    period_max: float = 0.0
+    compute_p99: float = 0.0
+    late: int = 0
+    realtime: bool = False
+
+
+class Lease(Message, frozen=True, kw_only=True):
+    """Who drives, and since when."""
+
+    holder: str = ""
+    since: float = 0.0
+    fresh: bool = False
+
+
+class RobotState(Message, frozen=True, kw_only=True):
+    """One immutable snapshot of a tick."""
+
+    robot: str
+    stamp: float
+    tick: int
+    phase: Phase
+    cause: str = ""
+    """Why it holds, stopped or failed, in words with what to do."""
+    reasons: tuple[str, ...] = ()
+    """What still prevents arming."""
+    homed: bool = False
+    epoch: int = 0
+    lease: Lease = Lease()
+    accepted: int = 0
+    """Sequence number of the last command that was obeyed."""
+    mode: str = "section"
+    commanded: tuple[float, ...] = ()
+    """q: twist [rad], feed [m], then b_x, b_y [rad] of each section (and its length [m] where it can change)."""
+    measured: tuple[float, ...] = ()
+    """The same from motor feedback alone."""
+    drives: Drives
+    drops: dict[str, int] = {}
+    """Commands that were not obeyed, by reason."""
+    bus: dict[str, int] = {}
+    """Frames that were not usable, by reason."""
+    timing: Timing = Timing()
+
+
+class Meta(Message, frozen=True, kw_only=True):
+    """Answered once to whoever connects."""
+
+    description: str
+    """The robot description as TOML text."""
+    versions: dict[str, str]
+    pid: int
+
+
+M = TypeVar("M", bound=Message)
+
+
+def encode(message: Message) -> bytes:
+    return msgspec.msgpack.encode(message)
+
+
+def decode(data: bytes, kind: type[M]) -> M:
+    """Decode one message.
+
+    Raises:
+        msgspec.DecodeError, msgspec.ValidationError: the bytes are not such a message.
+    """
+    return msgspec.msgpack.decode(data, type=kind)

@@ -1,0 +1,1 @@
+"""Motors on a CAN bus: one interface, several protocols."""

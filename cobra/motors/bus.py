@@ -1,0 +1,85 @@
+"""The one interface to motors, whatever the protocol and whether they are real."""
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class BusError(RuntimeError):
+    """The bus cannot be opened or is gone. The message says what was tried, what is missing and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """What the motors said, one entry a drive in the order of the description; all at the output shaft.
+
+    `angle` is multi-turn and counts from wherever the motor booted. A motor that did not answer keeps its last values,
+    with `valid` False and a growing `age`: one lost reply is not an exception.
+    """
+
+    angle: Floats
+    """[rad]"""
+    velocity: Floats
+    """[rad/s]"""
+    current: Floats
+    """[A]; positive drives the shaft in its positive direction."""
+    temperature: Floats
+    """[°C]; NaN until first read."""
+    voltage: Floats
+    """[V]; NaN until first read."""
+    age: Floats
+    """[s] since the last reply that carried an angle; inf before the first."""
+    valid: NDArray[np.bool_]
+    """Answered in this exchange."""
+    missed: NDArray[np.int64]
+    """Replies missed in a row."""
+    faults: tuple[str, ...]
+    """In words; empty where there is none."""
+
+
+class MotorBus(Protocol):
+    """All motors of a robot behind one burst-then-collect exchange.
+
+    `counts` holds every frame that could not be used, by reason (unknown id, short frame, late reply, …).
+    """
+
+    counts: dict[str, int]
+
+    def open(self) -> None:
+        """Open the channels and find the motors.
+
+        Raises:
+            BusError: with what was tried and what to do.
+        """
+
+    def close(self) -> None:
+        """Close the channels; the motors keep what they were last told."""
+
+    def enable(self) -> tuple[str, ...]:
+        """Let the motors take setpoints. Returns what prevents it, in words; empty when all are enabled."""
+
+    def disable(self) -> None:
+        """Torque off."""
+
+    def hold(self) -> None:
+        """Stop where they are, with torque."""
+
+    def exchange(self, angles: Floats | None) -> Feedback:
+        """Send all setpoints [rad, output shaft], then collect all replies within the reply timeout.
+
+        With None nothing is commanded; the motors are only read. Never raises for what arrives on the wire.
+
+        Raises:
+            BusError: the channel itself is gone.
+        """
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...

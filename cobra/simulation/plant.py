@@ -1,0 +1,41 @@
+"""The seam between simulated drives and the physics they move."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The twin's own truth, for tests and plots only; no controller reads it."""
+
+    time_s: float
+    tip_position: Floats
+    """(3,) in the frame of the entry port [m]."""
+    tip_wxyz: Floats
+    """(4,)"""
+    vertebrae: Floats
+    """(n, 3) centres of the vertebrae, base first [m]."""
+    bends: Floats
+    """(sections, 2) bend vector of each section [rad]."""
+    tensions: Floats
+    """(tendons,) [N]."""
+
+
+class Plant(Protocol):
+    """Physics driven by the travel of the drives."""
+
+    def advance(self, travel: Floats, duration_s: float) -> Floats:
+        """Move the drives' ends to `travel` and let `duration_s` pass.
+
+        `travel` has one entry a drive: m of tendon paid out, m of feed, rad of twist; 0 is a straight robot with its
+        tendons just taut, and for the feed an exposed length of 0. Returns the load at each drive: tension [N] (≥ 0),
+        force along the feed [N], torque about the twist [N·m].
+        """
+
+    def truth(self) -> Truth:
+        """A consistent snapshot; safe to call from another thread."""
