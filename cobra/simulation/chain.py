@@ -1,0 +1,292 @@
+"""A robot description as a MuJoCo model: a chain of vertebrae on elastic joints, with tendons through their holes.
+
+Every interval between two vertebrae bends in the middle of its gap by a universal joint of stiffness EI/pitch, where a
+polygon follows an arc best. The order of the joint's two axes alternates along the chain: a series of universal joints
+all alike would twist the body when it bends between its axes. A chamber that can change its length has two such joints
+at the Gauss points of its gap, and between them a slide of stiffness K and a torsion hinge of stiffness GJ/pitch (S-38).
+Other sections have one torsion hinge each, inside their middle vertebra.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cobra.description import Drive, RobotDescription, Section
+from cobra.simulation.plant import Floats
+
+Kind = Literal["default", "ideal"]
+Indices = NDArray[np.intp]
+
+STEP_S = 0.001
+"""Longest integration step."""
+STEP_DAMPING_S = 0.004
+"""Damping per stiffness of every spring. With the damping implicit, half a step suffices for stability at any stiffness."""
+SETTLING_S = 0.06
+"""Further damping per bending stiffness, so that the body settles and does not swing: friction in joints and holes."""
+IDEAL_RATIO = 150.0
+"""Stiffness of an ideal tendon against the bending stiffness of its section, k r₀² = ratio · EI/ℓ."""
+FEED_STIFFNESS_N_m = 2e5
+TWIST_STIFFNESS_Nm_rad = 500.0
+GAUSS = (0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Spring:
+    """An elastic joint: what it does, in which section, and the stretch of backbone whose elasticity it carries."""
+
+    name: str
+    does: Literal["bend_x", "bend_y", "torsion", "slide"]
+    section: int
+    start_m: float
+    end_m: float
+    stiffness: float
+    """Of the whole stretch [N·m/rad or N/m]."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The compiled model and where in it things are. `n` springs, `m` tendons."""
+
+    model: mujoco.MjModel
+    springs: tuple[Spring, ...]
+    joints: Indices
+    """(n,) joint of each spring."""
+    dofs: Indices
+    """(n,) its degree of freedom; the joints have one each, so `qpos` has the same index."""
+    vertebra_sites: Indices
+    """Centres of the vertebrae, base first, without the plate at the base."""
+    vertebra_bodies: Indices
+    tip_site: int
+    tendon_stiffness: Floats
+    """(m,) k [N/m], m as `RobotDescription.tendon_names`."""
+    tendon_rest: Floats
+    """(m,) length of each tendon's path along the straight robot [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Interval:
+    """From one vertebra's centre to the next; the gap is what lies between their faces. Arc lengths from the base [m]."""
+
+    section: int
+    start_m: float
+    end_m: float
+    gap: tuple[float, float]
+
+    def along_gap(self, fraction: float) -> float:
+        return self.gap[0] + fraction * (self.gap[1] - self.gap[0])
+
+
+def intervals(description: RobotDescription) -> Iterator[_Interval]:
+    """The intervals between the vertebrae, base first; the base itself is a plate like the first section's vertebrae."""
+    start, face = 0.0, description.sections[0].vertebra_thickness_m / 2
+    for i, section in enumerate(description.sections):
+        base, pitch, half = start, section.length_m / section.vertebrae, section.vertebra_thickness_m / 2
+        for k in range(1, section.vertebrae + 1):
+            end = base + k * pitch
+            yield _Interval(i, start, end, (start + face, end - half))
+            start, face = end, half
+
+
+def build_chain(description: RobotDescription, kind: Kind) -> Chain:
+    """Generate and compile the model of a robot.
+
+    `kind` "default" has the description's tendons and gravity, "ideal" stiff tendons and no gravity.
+    """
+    builder = _Builder(description, kind)
+    spec = builder.build()
+    model = spec.compile()
+    joints = np.array([model.joint(spring.name).id for spring in builder.springs], dtype=np.intp)
+    names = [f"vertebra {k}" for k in range(1, builder.vertebra + 1)]
+    tendons = [model.tendon(name).id for name in description.tendon_names]
+    sites = np.array([model.site(name).id for name in names], dtype=np.intp)
+    return Chain(
+        model=model,
+        springs=tuple(builder.springs),
+        joints=joints,
+        dofs=np.asarray(model.jnt_dofadr[joints], dtype=np.intp),
+        vertebra_sites=sites,
+        vertebra_bodies=np.asarray(model.site_bodyid[sites], dtype=np.intp),
+        tip_site=model.site("tip").id,
+        tendon_stiffness=np.array([builder.tendon_stiffness(name) for name in description.tendon_names]),
+        tendon_rest=np.array(model.tendon_length0[tendons], dtype=np.float64),
+    )
+
+
+class _Builder:
+    """Walks along the robot and adds bodies, joints and holes to a specification."""
+
+    def __init__(self, description: RobotDescription, kind: Kind) -> None:
+        self.description = description
+        self.kind = kind
+        self.springs: list[Spring] = []
+        self.vertebra = 0
+        self._spec = mujoco.MjSpec()
+        self._spans: list[tuple[Any, float, float | None]] = []  # body, origin, centre of its vertebra
+        self._holes: dict[str, list[str]] = {name: [] for name in description.tendon_names}
+        self._section_starts = np.cumsum([0.0, *(s.length_m for s in description.sections)])
+        self._path_ends = {
+            name: float(self._section_starts[i + 1])
+            for name, i in zip(description.tendon_names, description.tendon_section, strict=True)
+        }
+
+    def build(self) -> Any:
+        self._set_options()
+        self._add_base()
+        for interval in intervals(self.description):
+            self._add_interval(interval)
+        self._body.add_site(name="tip", pos=self._at(self.description.active_length_m))
+        self._add_masses()
+        self._add_tendons()
+        for drive in self.description.drives:
+            self._add_drive(drive)
+        return self._spec
+
+    def tendon_stiffness(self, name: str) -> float:
+        """k of a tendon [N/m]: EA over conduit and path, or stiff against the backbone for the ideal twin."""
+        tendon, section = self._tendon_of(name)
+        routing = section.routing
+        assert routing is not None
+        if self.kind == "ideal":
+            return IDEAL_RATIO * section.bending_stiffness_Nm2 / section.length_m / routing.radius_m**2
+        return tendon.axial_stiffness_N / (tendon.conduit_length_m + self._path_ends[name])
+
+    def _tendon_of(self, name: str) -> tuple[Any, Section]:
+        index = self.description.tendon_names.index(name)
+        return self.description.tendon, self.description.sections[self.description.tendon_section[index]]
+
+    def _set_options(self) -> None:
+        option = self._spec.option
+        option.timestep = STEP_S
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.gravity = self.description.backbone.gravity_m_s2 if self.kind == "default" else (0.0, 0.0, 0.0)
+        # A bad state must be seen and mended by the twin, not silently replaced by the initial one.
+        option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self._spec.compiler.autolimits = False
+
+    def _add_base(self) -> None:
+        d = self.description
+        base = self._spec.worldbody.add_body(name="base", pos=(0.0, 0.0, -d.active_length_m if d.feed else 0.0))
+        if d.feed:
+            base.add_joint(name="feed", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+        if d.twist:
+            base.add_joint(name="twist", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
+        self._body, self._origin = base, 0.0
+        self._spans.append((base, 0.0, None))
+        self._add_holes(d.sections[0].vertebra_thickness_m / 2)
+
+    def _add_interval(self, interval: _Interval) -> None:
+        section = self.description.sections[interval.section]
+        pitch = interval.end_m - interval.start_m
+        torsion = section.torsional_stiffness_Nm2
+        if section.elongation:
+            middle = (interval.start_m + interval.end_m) / 2
+            self._add_bend(interval, GAUSS[0], interval.start_m, middle)
+            self._add_body(interval.along_gap(0.5))
+            span = (interval.section, interval.start_m, interval.end_m)
+            self._add_spring("slide", *span, section.elongation.stiffness_N_m)
+            self._add_spring("torsion", *span, torsion / pitch)
+            self._add_bend(interval, GAUSS[1], middle, interval.end_m)
+        else:
+            self._add_bend(interval, 0.5, interval.start_m, interval.end_m)
+        self.vertebra += 1
+        centre = interval.end_m
+        self._spans[-1] = (self._body, self._origin, centre)
+        half = section.vertebra_thickness_m / 2
+        self._add_holes(centre - half)
+        if not section.elongation and self._is_middle(interval):
+            self._add_body(centre, centre)
+            start, end = self._section_starts[interval.section : interval.section + 2]
+            self._add_spring("torsion", interval.section, float(start), float(end), torsion / section.length_m)
+        self._body.add_site(name=f"vertebra {self.vertebra}", pos=self._at(centre))
+        self._add_holes(centre + half)
+
+    def _is_middle(self, interval: _Interval) -> bool:
+        start, end = self._section_starts[interval.section : interval.section + 2]
+        return bool(interval.start_m < (start + end) / 2 - 1e-9 <= interval.end_m)
+
+    def _add_bend(self, interval: _Interval, fraction: float, start_m: float, end_m: float) -> None:
+        self._add_body(interval.along_gap(fraction))
+        stiffness = self.description.sections[interval.section].bending_stiffness_Nm2 / (end_m - start_m)
+        axes: tuple[Literal["bend_x", "bend_y"], ...] = ("bend_x", "bend_y")
+        for axis in axes if len(self.springs) % 4 < 2 else axes[::-1]:
+            self._add_spring(axis, interval.section, start_m, end_m, stiffness)
+
+    def _add_body(self, origin: float, vertebra: float | None = None) -> None:
+        self._body = self._body.add_body(name=f"body {len(self._spans)}", pos=(0.0, 0.0, origin - self._origin))
+        self._origin = origin
+        self._spans.append((self._body, origin, vertebra))
+
+    def _add_spring(self, does: Any, section: int, start_m: float, end_m: float, stiffness: float) -> None:
+        slide = does == "slide"
+        axis = {"bend_x": (0.0, 1.0, 0.0), "bend_y": (-1.0, 0.0, 0.0)}.get(does, (0.0, 0.0, 1.0))
+        spring = Spring(f"{does} {len(self.springs)}", does, section, start_m, end_m, stiffness)
+        self._body.add_joint(
+            name=spring.name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=axis,
+            stiffness=stiffness,
+            damping=stiffness * (SETTLING_S + STEP_DAMPING_S),
+        )
+        self.springs.append(spring)
+
+    def _at(self, arc_length_m: float) -> tuple[float, float, float]:
+        return (0.0, 0.0, arc_length_m - self._origin)
+
+    def _add_holes(self, face_m: float) -> None:
+        """Sites at one face of the present vertebra, for every tendon that reaches it."""
+        for section in self.description.sections:
+            routing = section.routing
+            if routing is None:
+                continue
+            for name, azimuth_deg in zip(routing.names, routing.azimuths_deg, strict=True):
+                if face_m > self._path_ends[name]:
+                    continue
+                azimuth = math.radians(azimuth_deg)
+                site = f"{name} {len(self._holes[name])}"
+                x, y = routing.radius_m * math.cos(azimuth), routing.radius_m * math.sin(azimuth)
+                self._body.add_site(name=site, pos=(x, y, face_m - self._origin))
+                self._holes[name].append(site)
+
+    def _add_masses(self) -> None:
+        """Each body weighs what its stretch of backbone weighs; the base carries the passive body behind it."""
+        backbone = self.description.backbone
+        behind = backbone.total_length_m - self.description.active_length_m
+        ends = [*(origin for _, origin, _ in self._spans[1:]), self.description.active_length_m]
+        for i, ((body, origin, centre), end) in enumerate(zip(self._spans, ends, strict=True)):
+            length = end - origin + (behind if i == 0 else 0.0)
+            mass = backbone.mass_per_length_kg_m * length
+            across = mass * (3 * (backbone.diameter_m / 2) ** 2 + length**2) / 12
+            body.explicitinertial = True
+            body.mass = mass
+            body.ipos = (0.0, 0.0, ((origin + end) / 2 if centre is None else centre) - origin)
+            body.inertia = (across, across, mass * backbone.diameter_m**2 / 8)
+
+    def _add_tendons(self) -> None:
+        for name, holes in self._holes.items():
+            tendon = self._spec.add_tendon(name=name)
+            for hole in holes:
+                tendon.wrap_site(hole)
+
+    def _add_drive(self, drive: Drive) -> None:
+        """A drive sets a length, with stiffness and damping; on a tendon it can only pull."""
+        stiffness = FEED_STIFFNESS_N_m if drive.moves == "feed" else TWIST_STIFFNESS_Nm_rad
+        if drive.moves == "tendon":
+            stiffness = self.tendon_stiffness(str(drive.tendon))
+        pulls = drive.moves == "tendon"
+        target = {"tendon": drive.tendon, "feed": "feed", "twist": "twist"}[drive.moves]
+        self._spec.add_actuator(
+            name=f"drive {drive.name}",
+            target=target,
+            trntype=mujoco.mjtTrn.mjTRN_TENDON if pulls else mujoco.mjtTrn.mjTRN_JOINT,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            gainprm=[stiffness, *[0.0] * 9],
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            biasprm=[0.0, -stiffness, -stiffness * STEP_DAMPING_S, *[0.0] * 7],
+            forcelimited=pulls,
+            forcerange=(-1e9, 0.0),
+        )

@@ -1,0 +1,158 @@
+"""The physics twin: a robot's description as a MuJoCo chain, moved by the travel of its drives."""
+
+import math
+import threading
+
+import mujoco
+import numpy as np
+
+from cobra.description import RobotDescription
+from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, Chain, Kind, build_chain
+from cobra.simulation.plant import Floats, Truth
+
+HELD_FRACTION = 1e-4
+"""Of a joint behind the port: its stretch bends as if only this fraction of it could."""
+
+
+class Twin:
+    """A `Plant`: `advance` from one thread, `truth` from any."""
+
+    def __init__(self, description: RobotDescription, chain: Chain) -> None:
+        self.description = description
+        self.chain = chain
+        self.data = mujoco.MjData(chain.model)
+        self.recoveries = 0
+        """How often a bad state (not finite, or diverged) was replaced by the last good one."""
+        self._lock = threading.Lock()
+        d = description
+        self._tendons = np.array(d.tendon_drives, dtype=np.intp)
+        self._tendon_ids = np.array([chain.model.tendon(name).id for name in d.tendon_names], dtype=np.intp)
+        self._offset = np.zeros(len(d.drives))
+        self._offset[self._tendons] = chain.tendon_rest
+        springs = chain.springs
+        self._start = np.array([spring.start_m for spring in springs])
+        self._span = np.array([spring.end_m - spring.start_m for spring in springs])
+        self._stiffness = np.array([spring.stiffness for spring in springs])
+        self._bends = [
+            [
+                np.array([a for a, s in zip(chain.dofs, springs, strict=True) if (s.section, s.does) == (i, axis)])
+                for axis in ("bend_x", "bend_y")
+            ]
+            for i in range(len(d.sections))
+        ]
+        self._travel: Floats | None = None
+        self._feed_m = math.nan
+        self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
+        self._loads = np.zeros(len(d.drives))
+        mujoco.mj_forward(chain.model, self.data)
+        self._truth = self._observe()
+
+    def advance(self, travel: Floats, duration_s: float) -> Floats:
+        """Move the drives' ends evenly to `travel` within `duration_s`; see `Plant.advance`.
+
+        The first call tells where the drives stand: there is nothing to move from, so the base is put there.
+
+        Raises:
+            ValueError: `travel` is not one finite number a drive, or `duration_s` not finite and ≥ 0.
+        """
+        target = np.asarray(travel, dtype=np.float64)
+        if target.shape != self._offset.shape or not np.isfinite(target).all():
+            raise ValueError(f"travel = {travel}: must be {self._offset.size} finite numbers, one a drive")
+        if not (math.isfinite(duration_s) and duration_s >= 0):
+            raise ValueError(f"duration_s = {duration_s}: must be finite and not negative")
+        with self._lock:
+            if self._travel is None:
+                self._place(target)
+            self._run(self._travel if self._travel is not None else target, target, duration_s)
+            self._travel = target.copy()
+            self._truth = self._observe()
+            return self._loads.copy()
+
+    def truth(self) -> Truth:
+        """The state after the last `advance`."""
+        return self._truth
+
+    def push(self, vertebra: int, force: Floats) -> None:
+        """Pull at a vertebra's centre from now on, with `force` (3,) in the frame of the port [N]; 0 is at the base."""
+        with self._lock:
+            self.data.xfrc_applied[self.chain.vertebra_bodies[vertebra], :3] = force
+
+    def _place(self, travel: Floats) -> None:
+        d, data = self.description, self.data
+        if d.feed_drive is not None:
+            data.joint("feed").qpos[0] = travel[d.feed_drive]
+        if d.twist_drive is not None:
+            data.joint("twist").qpos[0] = travel[d.twist_drive]
+        self._expose(travel)
+        mujoco.mj_forward(self.chain.model, data)
+        mujoco.mj_getState(self.chain.model, data, self._state, _STATE)
+
+    def _run(self, start: Floats, end: Floats, duration_s: float) -> None:
+        """Integrate; a bad state on the way ends in the last good one, at rest."""
+        model, data = self.chain.model, self.data
+        steps = math.ceil(duration_s / STEP_S - 1e-9)
+        speed = (end - start) / duration_s if steps else np.zeros_like(start)
+        if steps:
+            model.opt.timestep = duration_s / steps
+        for k in range(1, steps + 1):
+            travel = start + (end - start) * (k / steps)
+            data.ctrl[:] = self._offset + travel + STEP_DAMPING_S * speed
+            mujoco.mj_step2(model, data)
+            self._expose(travel)
+            mujoco.mj_step1(model, data)
+        if _bad(data):
+            self.recoveries += 1
+            mujoco.mj_setState(model, data, self._state, _STATE)
+            data.qvel[:] = 0.0
+            data.qacc_warmstart[:] = 0.0
+            for warning in data.warning:
+                warning.number = 0
+            mujoco.mj_forward(model, data)
+        else:
+            mujoco.mj_getState(model, data, self._state, _STATE)
+        self._loads = self._drive_loads(end, speed)
+
+    def _expose(self, travel: Floats) -> None:
+        """Stiffen what lies behind the port: a joint bends over the exposed part of its stretch only."""
+        feed = self.description.feed_drive
+        if feed is None or travel[feed] == self._feed_m:
+            return
+        self._feed_m = float(travel[feed])
+        ahead = self._start + self._span + self._feed_m - self.description.active_length_m
+        stiffness = self._stiffness / np.clip(ahead / self._span, HELD_FRACTION, 1.0)
+        model = self.chain.model
+        model.jnt_stiffness[self.chain.joints] = stiffness
+        model.dof_damping[self.chain.dofs] = SETTLING_S * self._stiffness + STEP_DAMPING_S * stiffness
+
+    def _drive_loads(self, travel: Floats, speed: Floats) -> Floats:
+        """Force of each drive on its part; of a tendon the tension, k (l − l_free) with its damping, never below zero."""
+        model, data = self.chain.model, self.data
+        error = self._offset + travel - data.actuator_length + STEP_DAMPING_S * (speed - data.actuator_velocity)
+        force = model.actuator_gainprm[:, 0] * error
+        force[self._tendons] = np.maximum(-force[self._tendons], 0.0)
+        return force
+
+    def _observe(self) -> Truth:
+        chain, data = self.chain, self.data
+        tip_wxyz = np.empty(4)
+        mujoco.mju_mat2Quat(tip_wxyz, data.site_xmat[chain.tip_site])
+        return Truth(
+            time_s=float(data.time),
+            tip_position=data.site_xpos[chain.tip_site].copy(),
+            tip_wxyz=tip_wxyz,
+            vertebrae=data.site_xpos[chain.vertebra_sites],
+            bends=np.array([[data.qpos[x].sum(), data.qpos[y].sum()] for x, y in self._bends]),
+            tensions=self._loads[self._tendons],
+        )
+
+
+_STATE = mujoco.mjtState.mjSTATE_PHYSICS
+
+
+def _bad(data: mujoco.MjData) -> bool:
+    return not np.isfinite(data.qvel).all() or any(warning.number for warning in data.warning)
+
+
+def build_twin(description: RobotDescription, kind: Kind = "default") -> Twin:
+    """The twin of a robot: "default" with the description's tendons and gravity, "ideal" with stiff tendons, weightless."""
+    return Twin(description, build_chain(description, kind))
