@@ -1,0 +1,242 @@
+"""The websocket of the operator's page: its controls and requests in, snapshots of the robot out.
+
+What a page sends is judged here before anybody acts on it. Nothing that arrives can raise; what is not usable is
+counted by its reason and dropped. A page that falls silent while it drives is released, and has to let go first.
+"""
+
+import asyncio
+import inspect
+import logging
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from itertools import count
+from typing import Annotated, Any, Literal, Protocol
+
+import msgspec
+from msgspec import Meta
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from app.console.inputs import Button, Controls
+from app.console.page_state import Answer, Snapshot, Welcome
+
+MAX_MESSAGE_BYTES = 4096
+SNAPSHOT_PERIOD_S = 0.05
+SILENCE_S = 0.2
+"""A page that drives and is not heard for this long is released."""
+MAX_ECHO_AGE_S = 0.5
+"""A page that shows an older picture than this, or whose messages were on their way this long, cannot drive."""
+DEAD_MAN: frozenset[Button] = frozenset({"left_shoulder"})
+MAX_REQUESTS = 16
+"""Unanswered requests of one page; STOP is never among those refused."""
+
+Axis = Annotated[float, Meta(ge=-1, le=1)]
+Trigger = Annotated[float, Meta(ge=0, le=1)]
+Counting = Annotated[int, Meta(ge=0, le=2**53)]
+What = Literal["arm", "disarm", "home", "clear", "stop", "quit", "restart_robot", "section", "speed"]
+
+_log = logging.getLogger(__name__)
+
+
+class PageSession(Protocol):
+    """What the front door needs of the console. Called from the front door's own thread; no call may block."""
+
+    def welcome(self) -> Welcome:
+        """Static facts for the page."""
+
+    def snapshot(self) -> Snapshot:
+        """The state for the page; cheap, called 20 times a second however many pages there are."""
+
+    def controls(self, page: str, sequence: int, controls: Controls) -> None:
+        """The newest input of a page; `left_shoulder` among the buttons is its dead-man."""
+
+    def gone(self, page: str) -> None:
+        """The page closed or fell silent: its input has ended."""
+
+    def act(self, page: str, what: What, value: int | None) -> Answer | Awaitable[Answer]:
+        """A request. `value` is the index for section and speed, else None."""
+
+
+class _ControlsMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="controls"):
+    seq: Counting
+    stamp: float
+    """When the page read its inputs [ms, the page's clock]."""
+    echo: float
+    """Stamp of the newest snapshot that the page had seen."""
+    left: tuple[Axis, Axis]
+    right: tuple[Axis, Axis]
+    lt: Trigger
+    rt: Trigger
+    buttons: frozenset[Button]
+    held: bool
+
+
+class _Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="act"):
+    id: Counting
+    what: What
+    value: Annotated[int, Meta(ge=0, le=99)] | None = None
+
+
+class _Ping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="ping"):
+    stamp: float
+
+
+_decoder = msgspec.json.Decoder(_ControlsMessage | _Act | _Ping)
+
+
+class PageSocket:
+    """All pages that are open. `counts` holds what was dropped, by reason."""
+
+    def __init__(self, session: PageSession, now: Callable[[], float] = time.monotonic) -> None:
+        self.session = session
+        self.now = now
+        self.counts: Counter[str] = Counter()
+        self.pages = 0
+        self._names = (f"page {number}" for number in count(1))
+        self._snapshot = ""
+        self._snapshot_at = float("-inf")
+
+    async def serve(self, websocket: WebSocket) -> None:
+        """Serve one page until it closes."""
+        await websocket.accept()
+        page = _Page(next(self._names), websocket, self)
+        self.pages += 1
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(page.listen(group))
+                group.create_task(self._tell(page, websocket))
+        except* WebSocketDisconnect:
+            pass
+        except* Exception:
+            self.counts["page failed"] += 1
+            raise
+        finally:
+            self.pages -= 1
+            page.close()
+
+    async def ask(self, who: str, what: What, value: int | None = None) -> Answer:
+        """Pass a request on; a fault in answering it becomes a refusal with its reason."""
+        try:
+            answer = self.session.act(who, what, value)
+            return await answer if inspect.isawaitable(answer) else answer
+        except Exception as error:
+            _log.exception("the request %r of %s failed", what, who)
+            self.counts["request failed"] += 1
+            return Answer(ok=False, reasons=[f"the console failed: {error}"])
+
+    async def _tell(self, page: "_Page", websocket: WebSocket) -> None:
+        await websocket.send_text(_text({**self.session.welcome(), "type": "welcome", "page": page.name}))
+        while True:
+            # Sending waits for a slow page, so it gets fewer snapshots and never an old one.
+            await websocket.send_text(self._newest_snapshot())
+            await asyncio.sleep(SNAPSHOT_PERIOD_S)
+
+    def _newest_snapshot(self) -> str:
+        """One snapshot serves all pages."""
+        now = self.now()
+        if now - self._snapshot_at > 0.8 * SNAPSHOT_PERIOD_S:
+            self._snapshot_at = now
+            snapshot = {**self.session.snapshot(), "type": "snapshot", "stamp": now, "page_drops": dict(self.counts)}
+            self._snapshot = _text(snapshot)
+        return self._snapshot
+
+
+class _Page:
+    """One page: its last sequence number, and whether it has to let go before it may drive."""
+
+    def __init__(self, name: str, websocket: WebSocket, socket: PageSocket) -> None:
+        self.name = name
+        self._websocket = websocket
+        self._socket = socket
+        self._sequence = -1
+        self._must_release = True
+        self._silence: asyncio.TimerHandle | None = None
+        self._requests = 0
+
+    async def listen(self, group: asyncio.TaskGroup) -> None:
+        """Take what the page sends until it closes."""
+        while True:
+            received = await self._websocket.receive()
+            if received["type"] == "websocket.disconnect":
+                raise WebSocketDisconnect(received.get("code", 1005))
+            match self._decode(received):
+                case _ControlsMessage() as message:
+                    self._drive(message)
+                case _Act(what=what) as message:
+                    if self._requests < MAX_REQUESTS or what == "stop":
+                        self._requests += 1
+                        group.create_task(self._answer(message))
+                    else:
+                        self._count("too many requests at once")
+                case _Ping(stamp=stamp):
+                    await self._websocket.send_text(_text({"type": "pong", "stamp": stamp}))
+
+    def close(self) -> None:
+        """The page's input ends with it."""
+        self._expect(None)
+        self._socket.session.gone(self.name)
+
+    def _count(self, reason: str) -> None:
+        self._socket.counts[reason] += 1
+
+    def _decode(self, received: Any) -> _ControlsMessage | _Act | _Ping | None:
+        text = received.get("text")
+        if text is None:
+            self._count("binary message")
+            return None
+        if len(text) > MAX_MESSAGE_BYTES or len(data := text.encode()) > MAX_MESSAGE_BYTES:
+            self._count("oversized message")
+            return None
+        try:
+            return _decoder.decode(data)
+        except msgspec.ValidationError:
+            self._count("message out of range or of no known kind")
+        except (msgspec.DecodeError, RecursionError):
+            self._count("malformed message")
+        return None
+
+    def _drive(self, message: _ControlsMessage) -> None:
+        if message.seq <= self._sequence:
+            self._count("repeated or older controls")
+            return
+        self._sequence = message.seq
+        now = self._socket.now()
+        # Letting go is obeyed however late it arrives.
+        if message.held and not 0 <= now - message.echo <= MAX_ECHO_AGE_S:
+            late = message.echo <= now
+            self._count("controls that were too long on their way" if late else "controls stamped in the future")
+            return
+        if not message.held:
+            self._must_release = False
+        held = message.held and not self._must_release
+        self._expect(SILENCE_S if held else None)
+        controls = Controls(
+            left=message.left,
+            right=message.right,
+            left_trigger=message.lt,
+            right_trigger=message.rt,
+            buttons=message.buttons | DEAD_MAN if held else message.buttons - DEAD_MAN,
+            stamp=now,
+        )
+        self._socket.session.controls(self.name, message.seq, controls)
+
+    def _expect(self, within_s: float | None) -> None:
+        """Wait at most this long for the next controls; None: wait for nothing."""
+        if self._silence is not None:
+            self._silence.cancel()
+        loop = asyncio.get_running_loop()
+        self._silence = None if within_s is None else loop.call_later(within_s, self._fell_silent)
+
+    def _fell_silent(self) -> None:
+        self._must_release = True
+        self._count("page fell silent while driving")
+        self._socket.session.gone(self.name)
+
+    async def _answer(self, message: _Act) -> None:
+        answer = await self._socket.ask(self.name, message.what, message.value)
+        self._requests -= 1
+        await self._websocket.send_text(_text({**answer, "type": "reply", "id": message.id}))
+
+
+def _text(message: dict[str, Any]) -> str:
+    return msgspec.json.encode(message).decode()

@@ -1,0 +1,141 @@
+"""What the operator's page is told: facts once in `Welcome`, then a `Snapshot` 20 times a second. Plain JSON.
+
+Numbers that are not known (not measured yet, not finite) are None; the page shows a dash for them.
+"""
+
+from typing import NotRequired, TypedDict
+
+from cobra.messages import Phase
+
+Number = float | None
+
+
+class PadControls(TypedDict):
+    """`Controls` as JSON: sticks −1…1 (x right, y down), triggers 0…1, the pressed buttons by name."""
+
+    left: tuple[float, float]
+    right: tuple[float, float]
+    lt: float
+    rt: float
+    buttons: list[str]
+
+
+class Pad(TypedDict):
+    """The pad plugged into the console's computer; `name` is empty when there is none."""
+
+    name: str
+    connected: bool
+    controls: PadControls
+
+
+class LinkState(TypedDict):
+    """`ok`: states arrive. `robot`: the robot process runs; when it does not, the page offers to restart it."""
+
+    ok: bool
+    robot: bool
+    age_ms: Number
+
+
+class LeaseState(TypedDict):
+    holder: str
+    since_s: Number
+    fresh: bool
+
+
+class Bend(TypedDict):
+    """A section's measured bend: `dir_deg` from +x (right) towards +y (down) in the view from behind."""
+
+    name: str
+    deg: Number
+    dir_deg: Number
+    limit_deg: float
+
+
+class DriveState(TypedDict):
+    """`moves` is tendon, twist or feed; `load` in N, for the twist in N·m; `fault` in words, empty for none."""
+
+    name: str
+    moves: str
+    temperature: Number
+    voltage: Number
+    load: Number
+    age_ms: Number
+    fault: str
+
+
+class TensionLimits(TypedDict):
+    min: float
+    max: float
+
+
+class EventLine(TypedDict):
+    """`ago` in seconds; `level` is info, warning or alarm."""
+
+    level: str
+    text: str
+    ago: float
+
+
+class Snapshot(TypedDict):
+    """The state for the page."""
+
+    phase: Phase
+    cause: str
+    reasons: list[str]
+    homed: bool
+    link: LinkState
+    lease: LeaseState
+    driver: str
+    """Whose input drives: "pad", the name of a page (`Welcome.page`), or empty for nobody's."""
+    pad: Pad
+    mode: str
+    section: int
+    speed: int
+    bends: list[Bend]
+    twist_deg: Number
+    feed_mm: Number
+    tip_mm: list[Number]
+    tensions: list[Number]
+    """In the order of `Welcome.tendons` [N]."""
+    tension_limits: TensionLimits
+    drives: list[DriveState]
+    drops: dict[str, int]
+    bus: dict[str, int]
+    timing: dict[str, float]
+    """The fields of `cobra.messages.Timing`, in seconds and hertz."""
+    events: list[EventLine]
+    """Newest first."""
+    console_rate: float
+    """States that reached the console in the last second [Hz]."""
+
+
+class Limits(TypedDict):
+    """Ranges of the bars; None where the robot has no such drive."""
+
+    twist_deg: tuple[float, float] | None
+    feed_mm: tuple[float, float] | None
+
+
+class Welcome(TypedDict):
+    """Static facts, sent once to a page that connects."""
+
+    robot: str
+    title: str
+    summary: str
+    sections: list[str]
+    limits: Limits
+    speed_levels: list[float]
+    tendons: list[str]
+    max_tension_N: float
+    pad_map: list[tuple[str, str]]
+    """What is pressed or moved, and what it does."""
+    versions: dict[str, str]
+    page: NotRequired[str]
+    """The page's own name; added by the socket."""
+
+
+class Answer(TypedDict):
+    """What became of a request; `reasons` say in words why it was refused."""
+
+    ok: bool
+    reasons: list[str]

@@ -1,0 +1,174 @@
+"""The way to viser: its page and its websocket, through the front door, with what a browser may send to it filtered.
+
+viser itself knows no users and listens on loopback only. Any client of it may write any shared control and ask for a
+public tunnel; so a frame passes only if its kind is on the list of the sender's role.
+"""
+
+import asyncio
+import socket
+from collections import Counter
+from typing import Literal
+
+import httpx
+import msgspec
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.typing import Subprotocol
+
+Role = Literal["viewer", "driver"]
+
+LOOKING = frozenset(
+    {
+        "ViewerCameraMessage",
+        "GetRenderResponseMessage",
+        "LocalStorageGetItemResponseMessage",
+    }
+)
+"""What viser's client sends only because somebody looks at the scene."""
+OPERATING = frozenset(
+    {
+        "CommandTriggerMessage",
+        "FileTransferPart",
+        "FileTransferPartAck",
+        "FileTransferStartUpload",
+        "GuiButtonHoldMessage",
+        "GuiFormDirtyMessage",
+        "GuiFormSubmitMessage",
+        "GuiUpdateMessage",
+        "SceneNodeClickMessage",
+        "SceneNodeDragMessage",
+        "ScenePointerMessage",
+        "TransformControlsDragEndMessage",
+        "TransformControlsDragStartMessage",
+        "TransformControlsUpdateMessage",
+    }
+)
+"""What works the panels and gizmos. The share tunnel's requests are on no list."""
+
+# viser's client reconnects only while its own document has the focus, which a frame or a wall monitor never has.
+RECONNECT_ALWAYS = "<script>Document.prototype.hasFocus=function(){return !document.hidden}</script>"
+NO_VIEWER = """<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="1">
+<meta name="color-scheme" content="dark light"><title>No 3D view</title>
+<body style="font:16px system-ui,sans-serif;display:grid;place-items:center;height:90vh;margin:0;opacity:.7">
+<p>The 3D view is not running. Trying again every second.</p>"""
+
+MAX_FRAME_BYTES = 50 * 1024 * 1024
+"""viser's own limit."""
+RECEIVE_BUFFER_BYTES = 64 * 1024
+"""Small, so that what a slow viewer has not taken yet stays in viser, where newer replaces older."""
+CLOSE_TIMEOUT_S = 0.2
+NO_CODE = (1005, 1006, 1015)
+"""Close codes that say that none was received; they must not be sent."""
+
+
+class _Envelope(msgspec.Struct):
+    type: str
+
+
+def may_pass(frame: bytes | str, role: Role) -> bool:
+    """Whether a frame of viser's client may go on to viser. What cannot be decoded may not."""
+    if isinstance(frame, str):
+        return False
+    try:
+        kind = msgspec.msgpack.decode(frame, type=_Envelope).type
+    except (msgspec.MsgspecError, RecursionError):
+        return False
+    return kind in LOOKING or (role == "driver" and kind in OPERATING)
+
+
+class ViewerProxy:
+    """Forwards `/viewer/` to viser on a port of loopback. `counts` holds what was not forwarded, by reason."""
+
+    def __init__(self, viewer_port: int) -> None:
+        self.counts: Counter[str] = Counter()
+        self.viewers = 0
+        self._port = viewer_port
+
+    async def page(self, request: Request) -> Response:
+        """viser's files; its page with the reconnecting mended."""
+        path = request.path_params.get("path", "")
+        if ".." in path.replace("\\", "/").split("/"):
+            return Response("Not found", 404)
+        # A client for each request: the page is loaded once in hours. Plain HTTP, so no TLS context has to be built.
+        async with httpx.AsyncClient(trust_env=False, verify=False) as client:
+            try:
+                found = await client.get(
+                    httpx.URL(f"http://127.0.0.1:{self._port}", path=f"/{path}"),
+                    headers={"accept-encoding": "identity"},
+                )
+            except httpx.HTTPError:
+                self.counts["viser did not answer"] += 1
+                return HTMLResponse(NO_VIEWER, 503)
+        kind = found.headers.get("content-type", "application/octet-stream")
+        content = found.content
+        if kind.startswith("text/html"):
+            content = found.text.replace("<head>", f"<head>{RECONNECT_ALWAYS}", 1).encode()
+        return Response(content, found.status_code, {"content-type": kind, "cache-control": "no-cache"})
+
+    async def forward(self, websocket: WebSocket, role: Role = "driver") -> None:
+        """Join one viewer with viser until either side ends it."""
+        try:
+            viser = await self._open(websocket.scope["subprotocols"])
+        except (OSError, TimeoutError, InvalidHandshake):
+            self.counts["viser did not answer"] += 1
+            await websocket.close(1013)
+            return
+        self.viewers += 1
+        try:
+            async with viser, asyncio.TaskGroup() as group:
+                await websocket.accept(viser.subprotocol)
+                group.create_task(self._upwards(websocket, viser, role))
+                group.create_task(self._downwards(websocket, viser))
+        except* WebSocketDisconnect:
+            pass
+        finally:
+            self.viewers -= 1
+
+    async def _open(self, subprotocols: list[str]) -> ClientConnection:
+        channel = socket.socket()
+        channel.setblocking(False)
+        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        try:
+            await asyncio.get_running_loop().sock_connect(channel, ("127.0.0.1", self._port))
+            return await connect(
+                f"ws://127.0.0.1:{self._port}/",
+                sock=channel,
+                subprotocols=[Subprotocol(name) for name in subprotocols] or None,
+                compression=None,
+                max_size=MAX_FRAME_BYTES,
+                max_queue=2,
+                close_timeout=CLOSE_TIMEOUT_S,
+            )
+        except BaseException:
+            channel.close()
+            raise
+
+    async def _upwards(self, websocket: WebSocket, viser: ClientConnection, role: Role) -> None:
+        while True:
+            received = await websocket.receive()
+            if received["type"] == "websocket.disconnect":
+                raise WebSocketDisconnect(received.get("code", 1005))
+            frame = received.get("bytes") or received.get("text") or b""
+            if not may_pass(frame, role):
+                self.counts["message to viser that is not allowed"] += 1
+                continue
+            try:
+                await viser.send(frame)
+            except ConnectionClosed as closed:
+                raise WebSocketDisconnect(1001) from closed
+
+    async def _downwards(self, websocket: WebSocket, viser: ClientConnection) -> None:
+        try:
+            while True:
+                frame = await viser.recv()
+                if isinstance(frame, bytes):
+                    await websocket.send_bytes(frame)
+                else:
+                    await websocket.send_text(frame)
+        except ConnectionClosed as closed:
+            code = closed.rcvd.code if closed.rcvd else 1001
+            await websocket.close(1001 if code in NO_CODE else code, closed.rcvd.reason if closed.rcvd else "")
+            raise WebSocketDisconnect(code) from closed
