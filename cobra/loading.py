@@ -29,7 +29,15 @@ def load_description(name_or_path: str | Path) -> RobotDescription:
     Raises:
         DescriptionError: the file is missing or not TOML, or a key is unknown, missing, of the wrong type or impossible.
     """
-    text, label = _read(name_or_path)
+    return parse_description(description_text(name_or_path), _label(name_or_path))
+
+
+def parse_description(text: str, label: str) -> RobotDescription:
+    """Validate a description's TOML text; `label` names it in messages.
+
+    Raises:
+        DescriptionError: as `load_description`.
+    """
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -50,17 +58,29 @@ def assumed_numbers(description: RobotDescription) -> tuple[str, ...]:
     return tuple(path for path in _number_paths(tree, "") if path not in description.provenance.given)
 
 
-def _read(name_or_path: str | Path) -> tuple[str, str]:
-    if isinstance(name_or_path, str) and name_or_path in robot_names():
-        return (resources.files("cobra") / "robots" / f"{name_or_path}.toml").read_text("utf-8"), f"{name_or_path}.toml"
-    path = Path(name_or_path)
+def description_text(name_or_path: str | Path) -> str:
+    """The TOML text of a preset or of a file.
+
+    Raises:
+        DescriptionError: the file cannot be read.
+    """
+    if _is_preset(name_or_path):
+        return (resources.files("cobra") / "robots" / f"{name_or_path}.toml").read_text("utf-8")
     try:
-        return path.read_text("utf-8"), str(path)
+        return Path(name_or_path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise DescriptionError(
-            f"{path}: cannot be read ({reason}); give a file or one of the robots {', '.join(robot_names())}"
+            f"{name_or_path}: cannot be read ({reason}); give a file or one of the robots {', '.join(robot_names())}"
         ) from None
+
+
+def _is_preset(name_or_path: str | Path) -> bool:
+    return isinstance(name_or_path, str) and name_or_path in robot_names()
+
+
+def _label(name_or_path: str | Path) -> str:
+    return f"{name_or_path}.toml" if _is_preset(name_or_path) else str(name_or_path)
 
 
 def _number_paths(node: Any, path: str) -> list[str]:
@@ -103,7 +123,7 @@ def _value_at(tree: Any, path: str) -> Any:
     for step in _steps(path):
         if step == "...":
             return tree
-        tree = tree[step]  # type: ignore[index]
+        tree = tree[step]
     return tree
 
 

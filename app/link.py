@@ -1,0 +1,227 @@
+"""The link between a robot process and its consoles: Zenoh keys, one class for either end. No scouting, no multicast.
+
+cobra/<robot>/state     robot → all     RobotState, every tick; only the newest matters
+cobra/<robot>/event     robot → all     Event
+cobra/<robot>/truth     twin → tests and plots only
+cobra/<robot>/command   driver → robot  Command
+cobra/<robot>/stop      anybody → robot Stop
+cobra/<robot>/request   query           Request → Reply
+cobra/<robot>/meta      query           Meta
+cobra/<robot>/alive     liveliness token of the robot process
+cobra/<robot>/console/* liveliness tokens of its consoles
+"""
+
+import json
+import threading
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from cobra.messages import Command, Event, Meta, Reply, Request, RobotState, Stop, decode, encode
+
+REQUEST_TIMEOUT_S = 2.0
+
+
+class LinkError(RuntimeError):
+    """The link could not be opened, or nobody answered. The message says what was tried."""
+
+
+def key(robot: str, name: str) -> str:
+    return f"cobra/{robot}/{name}"
+
+
+def _open(listen: list[str], connect: list[str]) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps("peer"))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/gossip/enabled", "false")
+    config.insert_json5("listen/endpoints", json.dumps(listen))
+    config.insert_json5("connect/endpoints", json.dumps(connect))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        reason = str(error).split(" at /")[0].rstrip(".")
+        raise LinkError(f"cannot open the link on {', '.join(listen or connect)}: {reason}") from None
+
+
+def _newest_only(session: zenoh.Session, name: str) -> zenoh.Publisher:
+    """For what is worthless when late: sent at once, ahead of the rest, dropped rather than queued."""
+    return session.declare_publisher(
+        name, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP, express=True
+    )
+
+
+class RobotLink:
+    """The robot's end: publishes, and hands what arrives to callbacks that must only put it aside."""
+
+    def __init__(self, robot: str, endpoint: str, meta: Meta) -> None:
+        self._robot = robot
+        self._endpoint = endpoint
+        self._meta = encode(meta)
+        self._session: zenoh.Session | None = None
+        self._consoles: set[str] = set()
+
+    @property
+    def consoles(self) -> int:
+        """How many consoles are connected now."""
+        return len(self._consoles)
+
+    def start(
+        self,
+        on_command: Callable[[bytes], None],
+        on_stop: Callable[[bytes], None],
+        on_request: Callable[[bytes, Callable[[Reply], None]], None],
+    ) -> None:
+        """Open the link.
+
+        Raises:
+            LinkError: the endpoint is taken or not ours to listen on.
+        """
+        session = self._session = _open([self._endpoint], [])
+
+        def request(query: zenoh.Query) -> None:
+            def answer(reply: Reply) -> None:
+                query.reply(query.key_expr, encode(reply))
+                query.drop()  # type: ignore[no-untyped-call]
+
+            on_request(query.payload.to_bytes() if query.payload else b"", answer)
+
+        def name(what: str) -> str:
+            return key(self._robot, what)
+
+        self._state = _newest_only(session, name("state"))
+        self._event = session.declare_publisher(name("event"))
+        self._truth = session.declare_publisher(name("truth"), congestion_control=zenoh.CongestionControl.DROP)
+        self._subscribers = [
+            session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
+            session.declare_subscriber(name("stop"), lambda sample: on_stop(sample.payload.to_bytes())),
+            session.declare_queryable(name("request"), request),
+            session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
+        ]
+        self._token = session.liveliness().declare_token(name("alive"))
+        self._watch = session.liveliness().declare_subscriber(name("console/*"), self._take_console, history=True)
+
+    def _take_console(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._consoles.add(str(sample.key_expr))
+        else:
+            self._consoles.discard(str(sample.key_expr))
+
+    def stop(self) -> None:
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
+            self._session = None
+
+    def publish_state(self, state: RobotState) -> None:
+        if self._session is not None:
+            self._state.put(encode(state))
+
+    def publish_event(self, event: Event) -> None:
+        if self._session is not None:
+            self._event.put(encode(event))
+
+    def publish_truth(self, data: bytes) -> None:
+        if self._session is not None:
+            self._truth.put(data)
+
+
+class ConsoleLink:
+    """A console's end. `latest` is the newest state; what cannot be decoded is counted in `malformed`."""
+
+    def __init__(self, robot: str, endpoint: str, on_alive: Callable[[bool], None] = lambda alive: None) -> None:
+        self._robot = robot
+        self._endpoint = endpoint
+        self._on_alive = on_alive
+        self._session: zenoh.Session | None = None
+        self._changed = threading.Condition()
+        self.latest: RobotState | None = None
+        self.received = 0
+        self.malformed = 0
+        self.events: deque[Event] = deque(maxlen=200)
+
+    def start(self) -> None:
+        """Connect.
+
+        Raises:
+            LinkError: nobody listens there.
+        """
+        session = self._session = _open([], [self._endpoint])
+        self._subscribers = [
+            session.declare_subscriber(key(self._robot, "state"), self._take_state),
+            session.declare_subscriber(key(self._robot, "event"), self._take_event),
+            session.liveliness().declare_subscriber(key(self._robot, "alive"), self._take_alive, history=True),
+        ]
+        token = key(self._robot, f"console/{session.zid()}")
+        self._token = session.liveliness().declare_token(token)
+        self._command = _newest_only(session, key(self._robot, "command"))
+
+    def stop(self) -> None:
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
+            self._session = None
+
+    def wait_for_state(self, timeout_s: float) -> RobotState:
+        """The first state that arrives.
+
+        Raises:
+            LinkError: none came in time.
+        """
+        with self._changed:
+            if not self._changed.wait_for(lambda: self.latest is not None, timeout_s):
+                raise LinkError(f"robot {self._robot!r} does not publish on {self._endpoint} (waited {timeout_s:g} s)")
+            assert self.latest is not None
+            return self.latest
+
+    def send(self, command: Command) -> None:
+        if self._session is not None:
+            self._command.put(encode(command))
+
+    def send_stop(self, stop: Stop) -> None:
+        if self._session is not None:
+            self._session.put(key(self._robot, "stop"), encode(stop), priority=zenoh.Priority.REAL_TIME, express=True)
+
+    def request(self, request: Request) -> Reply:
+        """Ask once and wait for the answer; no answer is a refusal with its reason."""
+        data = self._query("request", encode(request))
+        return decode(data, Reply) if data else Reply(ok=False, reasons=("the robot process does not answer",))
+
+    def meta(self) -> Meta:
+        """Description and versions of the robot.
+
+        Raises:
+            LinkError: the robot process does not answer.
+        """
+        data = self._query("meta", b"")
+        if data is None:
+            raise LinkError(f"robot {self._robot!r} does not answer on {self._endpoint}")
+        return decode(data, Meta)
+
+    def _query(self, name: str, payload: bytes) -> bytes | None:
+        if self._session is None:
+            return None
+        for reply in self._session.get(key(self._robot, name), payload=payload, timeout=REQUEST_TIMEOUT_S):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+
+    def _take_state(self, sample: zenoh.Sample) -> None:
+        try:
+            state = decode(sample.payload.to_bytes(), RobotState)
+        except msgspec.MsgspecError:
+            self.malformed += 1
+            return
+        with self._changed:
+            self.latest = state
+            self.received += 1
+            self._changed.notify_all()
+
+    def _take_event(self, sample: zenoh.Sample) -> None:
+        try:
+            self.events.append(decode(sample.payload.to_bytes(), Event))
+        except msgspec.MsgspecError:
+            self.malformed += 1
+
+    def _take_alive(self, sample: zenoh.Sample) -> None:
+        self._on_alive(sample.kind == zenoh.SampleKind.PUT)

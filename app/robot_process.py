@@ -1,0 +1,129 @@
+"""The robot process: opens the motor bus, runs the loop, speaks on the link. It has no screen."""
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import msgspec
+from cobra.motors.open_bus import open_bus
+from cobra.simulation.drives import world_of
+
+from app import runtime
+from app.link import RobotLink
+from cobra.clock import SystemClock
+from cobra.control.loop import RobotLoop
+from cobra.description import Bus, RobotDescription
+from cobra.loading import description_text, load_description
+from cobra.messages import Meta
+
+log = logging.getLogger("cobra.robot")
+
+ORPHANED_S = 60.0
+TRUTH_RATE_Hz = 50.0
+VERSIONS = ("cobra-teleop", "mujoco", "python-can", "eclipse-zenoh", "numpy")
+
+
+def run_robot(
+    robot: str,
+    *,
+    endpoint: str | None = None,
+    twin: str = "default",
+    can_log: Path | None = None,
+    orphaned_s: float = ORPHANED_S,
+    leave_when_orphaned: bool = False,
+) -> int:
+    """Run a robot until it is told to quit. Returns the exit status.
+
+    Args:
+        robot: name of a preset or path of a description.
+        endpoint: where the link listens; a free loopback port by default.
+        twin: kind of the physics twin behind simulated drives ("default", "ideal" or "none").
+        can_log: file that gets every CAN frame.
+        orphaned_s: after this long without a console the description's final action is taken.
+        leave_when_orphaned: also exit then; else wait for the next console, disarmed.
+
+    Raises:
+        DescriptionError, LinkError, BusError: with one clear line.
+    """
+    description = _with_twin(load_description(robot), twin)
+    endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
+    clock = SystemClock()
+    link = RobotLink(description.name, endpoint, _meta(robot))
+    done = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: done.set())
+    with open_bus(description, clock, can_log=can_log) as bus:
+        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event)
+        link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request)
+        runtime.register("robot", description.name, endpoint)
+        watch = _Watch(link, lambda: loop.abandon(leave_when_orphaned), orphaned_s)
+        helpers = [threading.Thread(target=watch.run, args=(done,), name="watch", daemon=True)]
+        if publish := _truth_publisher(description, link):
+            helpers.append(threading.Thread(target=publish, args=(done,), name="truth", daemon=True))
+        for helper in helpers:
+            helper.start()
+        try:
+            loop.run(done)
+        finally:
+            done.set()
+            runtime.unregister("robot", description.name)
+            for helper in helpers:
+                helper.join(1.0)
+            link.stop()
+    return 0
+
+
+class _Watch:
+    """Takes the final action when no console has been there for a while."""
+
+    def __init__(self, link: RobotLink, action: Callable[[], None], after_s: float) -> None:
+        self._link, self._action, self._after_s = link, action, after_s
+
+    def run(self, done: threading.Event) -> None:
+        alone = 0.0
+        step = min(1.0, self._after_s / 4)
+        seen = False
+        while not done.wait(step):
+            seen = seen or self._link.consoles > 0
+            alone = alone + step if seen and self._link.consoles == 0 else 0.0
+            if alone >= self._after_s:
+                log.warning("no console for %.0f s: taking the final action", alone)
+                self._action()
+                seen = False
+
+
+def _truth_publisher(description: RobotDescription, link: RobotLink) -> Callable[[threading.Event], None] | None:
+    """A thread's body that publishes the twin's truth, for tests and plots only; None without a twin here."""
+    simulated = [bus for bus in description.buses if bus.interface == "cobra-sim"]
+    world = world_of(simulated[0].channel) if simulated else None
+    plant = world.plant if world else None
+    if plant is None:
+        return None
+
+    def publish(done: threading.Event) -> None:
+        while not done.wait(1.0 / TRUTH_RATE_Hz):
+            link.publish_truth(msgspec.msgpack.encode(plant.truth(), enc_hook=lambda array: array.tolist()))
+
+    return publish
+
+
+def _with_twin(description: RobotDescription, twin: str) -> RobotDescription:
+    """The description with the wanted kind of twin behind its simulated buses."""
+
+    def chosen(bus: Bus) -> Bus:
+        if bus.interface != "cobra-sim":
+            return bus
+        return msgspec.structs.replace(bus, options={"twin": twin, **bus.options})
+
+    return msgspec.structs.replace(description, buses=tuple(chosen(bus) for bus in description.buses))
+
+
+def _meta(robot: str) -> Meta:
+    versions = {name: metadata.version(name) for name in VERSIONS}
+    versions["python"] = sys.version.split()[0]
+    return Meta(description=description_text(robot), versions=versions, pid=os.getpid())

@@ -1,0 +1,39 @@
+"""Between motor shafts and what they move: angle ↔ travel, current ↔ load."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cobra.description import RobotDescription
+
+Floats = NDArray[np.float64]
+
+
+class Transmission:
+    """Spools, wheels and gears of all drives, in the description's order.
+
+    Travel is m of tendon paid out, m of feed, rad of twist. Where travel 0 is on the multi-turn angle is not known before
+    homing: `refer` sets it.
+    """
+
+    def __init__(self, description: RobotDescription) -> None:
+        drives = description.drives
+        self.travel_per_rad = np.array([drive.travel_per_rad for drive in drives])
+        self._torque_constant = np.array([description.motor_of(drive).torque_constant_Nm_A for drive in drives])
+        # A motor that holds a tendon pulls it in: its force along the travel is minus the tension.
+        self._load_sign = np.array([-1.0 if drive.moves == "tendon" else 1.0 for drive in drives])
+        self._offset = np.zeros(len(drives))
+
+    def refer(self, angle: Floats, travel: Floats) -> None:
+        """From now on the shafts' `angle` [rad] means `travel`."""
+        self._offset = travel - angle * self.travel_per_rad
+
+    def travel(self, angle: Floats) -> Floats:
+        return angle * self.travel_per_rad + self._offset
+
+    def angle(self, travel: Floats) -> Floats:
+        """Shaft angles [rad] for a travel."""
+        return (travel - self._offset) / self.travel_per_rad
+
+    def load(self, current: Floats) -> Floats:
+        """Tendon tension or feed force [N], twist torque [N·m], from motor current [A]; friction is not taken off."""
+        return self._load_sign * current * self._torque_constant / self.travel_per_rad
