@@ -100,8 +100,9 @@ def test_it_broadcasts_over_leading_dimensions():
     assert together.shape == (4, 3, 4, 4)
     for i in range(4):
         for j in range(3):
-            np.testing.assert_array_equal(together[i, j], section.transform(b[i, j], length[j]))
-            np.testing.assert_array_equal(jacobian.translation[i, j], section.jacobian(b[i, j], length[j]).translation)
+            np.testing.assert_allclose(together[i, j], section.transform(b[i, j], length[j]), atol=1e-15)
+            one = section.jacobian(b[i, j], length[j]).translation
+            np.testing.assert_allclose(jacobian.translation[i, j], one, atol=1e-15)
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.7, -2.0])

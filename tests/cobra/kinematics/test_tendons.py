@@ -91,8 +91,9 @@ def test_a_slipped_tendon_shows_in_the_residual_and_a_bend_does_not(cobra):
     lengths = tendons.lengths(q)
     lengths[5] += 0.002
     shape = tendons.shape(lengths, q)
-    assert shape.residual_norm_m > 0.001
-    assert np.argmax(np.abs(shape.residual_m)) == 5
+    # Two bends fit half of it; the other half stays on the pair E2-W2, where one tendon cannot be told from the other.
+    np.testing.assert_allclose(shape.residual_m[[5, 7]], 0.001, atol=1e-4)
+    assert np.all(np.abs(np.delete(shape.residual_m, [5, 7])) < 1e-4)
 
 
 def test_rates_go_through_the_same_matrix(robot):
