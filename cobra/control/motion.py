@@ -99,10 +99,13 @@ class SectionMotion:
 
 
 def _braking_speed(distance: float, acceleration: float, dt_s: float) -> float:
-    """Largest speed from which steps of `dt_s` can still come to rest within `distance`."""
+    """Largest speed for the next step from which steps of `dt_s` can still come to rest within `distance`.
+
+    Far away: v dt + v²/2a − v dt/2 + a dt²/8 ≤ d, the sum of a ramp's steps. Within one step of rest: all that is left.
+    """
     distance = max(distance, 0.0)
-    half = 0.5 * acceleration * dt_s
-    return min(math.sqrt(half * half + 2.0 * acceleration * distance) - half, distance / dt_s)
+    ramp = math.sqrt(2.0 * acceleration * distance) - 0.5 * acceleration * dt_s
+    return max(ramp, min(distance / dt_s, acceleration * dt_s))
 
 
 def _shorten(vector: Floats, length: float) -> Floats:
