@@ -13,6 +13,7 @@ cobra/<robot>/console/* liveliness tokens of its consoles
 
 import json
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -137,6 +138,8 @@ class ConsoleLink:
         self._session: zenoh.Session | None = None
         self._changed = threading.Condition()
         self.latest: RobotState | None = None
+        self.arrived = 0.0
+        """When the newest state came [s, time.monotonic()]."""
         self.received = 0
         self.malformed = 0
         self.events: deque[Event] = deque(maxlen=200)
@@ -214,6 +217,7 @@ class ConsoleLink:
             return
         with self._changed:
             self.latest = state
+            self.arrived = time.monotonic()
             self.received += 1
             self._changed.notify_all()
 

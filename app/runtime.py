@@ -10,6 +10,10 @@ import msgspec
 import psutil
 
 
+class BusyError(RuntimeError):
+    """Something that only one may have is taken. The message says who has it and what to do."""
+
+
 class Running(msgspec.Struct, frozen=True, kw_only=True):
     """A running robot process (`endpoint` is its link) or console (`endpoint` is its page)."""
 

@@ -1,0 +1,5 @@
+"""`python -m app` is `cobra-teleop`."""
+
+from app.cli import main
+
+main()

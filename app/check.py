@@ -1,0 +1,48 @@
+"""A robot description in words: degrees of freedom, tendons, reach, bus load, and what is assumed."""
+
+from collections.abc import Iterator
+
+import msgspec
+
+from cobra.description import RobotDescription
+from cobra.loading import assumed_numbers
+from cobra.motors.bus_load import expected_load
+
+
+def explain(description: RobotDescription) -> Iterator[str]:
+    """Lines for people."""
+    d = description
+    yield f"{d.title}: {d.summary}" if d.summary else d.title
+    bends = 2 * len(d.active_sections)
+    lengths = sum(1 for i in d.active_sections if d.sections[i].elongation)
+    parts = [f"{bends} of bending"] if bends else []
+    parts += [f"{lengths} of length"] if lengths else []
+    parts += [word for word, part in (("twist", d.twist), ("feed", d.feed)) if part]
+    total = bends + lengths + bool(d.twist) + bool(d.feed)
+    yield f"Degrees of freedom: {total} ({', '.join(parts)})."
+    for section in d.sections:
+        kind = (
+            f"{len(section.routing.names)} tendons ({', '.join(section.routing.names)})"
+            if section.routing
+            else "passive"
+        )
+        yield (
+            f"Section {section.name}: {section.length_m * 1e3:.0f} mm, bends up to {section.max_bend_deg:.0f} degrees "
+            f"(radius {section.length_m / section.max_bend_rad * 1e3:.0f} mm), {kind}."
+        )
+    yield f"Active segment: {d.active_length_m * 1e3:.0f} mm of {d.backbone.total_length_m:g} m, {d.backbone.diameter_m * 1e3:g} mm thin."
+    if d.feed:
+        yield f"Feed: {d.feed.range_m[0] * 1e3:.0f} to {d.feed.range_m[1] * 1e3:.0f} mm beyond the port, starts at {d.feed.start_m * 1e3:.0f} mm."
+    if d.twist:
+        yield f"Twist: {d.twist.range_deg[0]:.0f} to {d.twist.range_deg[1]:.0f} degrees."
+    for bus in d.buses:
+        drives = [drive for drive in d.drives if drive.bus == bus.name]
+        protocols = sorted({d.motor_of(drive).protocol for drive in drives})
+        yield (
+            f"Bus {bus.name}: {bus.interface} {bus.channel}, {bus.bitrate // 1000} kbit/s, {len(drives)} drives "
+            f"({', '.join(protocols)}), {expected_load(d, bus.name):.0%} busy at {d.teleop.loop_rate_Hz:.0f} Hz."
+        )
+    assumed = assumed_numbers(d)
+    count = sum(1 for _ in msgspec.to_builtins(d.provenance.given))
+    if count:
+        yield f"{len(assumed)} numbers are assumed, {count} come from a source ({d.provenance.source})."

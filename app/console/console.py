@@ -1,0 +1,135 @@
+"""The console: pad, page and scene around one robot process, started and ended together."""
+
+import logging
+import os
+import signal
+import sys
+import threading
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+
+from app import runtime
+from app.console.driver import Driver
+from app.console.front_door import FrontDoor
+from app.console.gamepad import Gamepad
+from app.console.pilot import Pilot
+from app.console.robot_connection import RobotConnection
+from app.console.robot_keeper import RobotKeeper
+from app.console.session import ConsoleSession
+from app.console.viewer import Viewer
+from cobra.clock import SystemClock
+from cobra.description import RobotDescription
+from cobra.loading import load_description
+
+log = logging.getLogger("cobra.console")
+HOST = "127.0.0.1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsoleOptions:
+    """What the command line chose."""
+
+    robot: str = "cobra"
+    twin: str = "default"
+    port: int = 8080
+    open_page: bool = True
+    pad: bool = True
+    frame_rate_Hz: float = 30.0
+    can_log: Path | None = None
+    leave_robot: bool = False
+
+
+class Console:
+    """Starts everything in order, waits until it is told to quit, and ends everything in reverse."""
+
+    def __init__(self, options: ConsoleOptions) -> None:
+        self._options = options
+        self._quit = threading.Event()
+
+    def quit(self) -> None:
+        """End the console. Safe from any thread."""
+        self._quit.set()
+
+    def run(self) -> int:
+        """Run until Ctrl-C, SIGTERM or the page's quit. Returns the exit status.
+
+        Raises:
+            DescriptionError, BusyError, RobotStartError, LinkError: with one clear line.
+        """
+        options = self._options
+        description = load_description(options.robot)
+        _refuse_a_second(description.name)
+        keeper = RobotKeeper(options.robot, description.name, _robot_options(options))
+        keeper.launch()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: self.quit())
+        robot = RobotConnection(keeper, description.name)
+        try:
+            self._run(description, keeper, robot)
+        finally:
+            runtime.unregister("console", description.name)
+            robot.stop()
+            if not options.leave_robot:
+                keeper.end()
+        return 0
+
+    def _run(self, description: RobotDescription, keeper: RobotKeeper, robot: RobotConnection) -> None:
+        options, clock = self._options, SystemClock()
+        port, note = _choose_port(options.port)
+        pilot = Pilot(description, clock)
+        driver = Driver(f"console {os.getpid()}", pilot, lambda: robot.link, clock)
+        pad = Gamepad(on_change=lambda _: driver.wake(), clock=clock) if options.pad else None
+        viewer = Viewer(description, robot.latest, options.frame_rate_Hz)
+        viewer.start()
+        meta = robot.start()
+        session = ConsoleSession(description, robot, pilot, driver, pad, meta.versions, self.quit, clock)
+        door = FrontDoor(HOST, port, viewer.port, session)
+        door.start()
+        runtime.register("console", description.name, door.url)
+        parts = [door, session, driver, *([pad] if pad else []), viewer]
+        try:
+            driver.start()
+            if pad:
+                pad.start()
+                pilot.attach("pad", pad)
+            _say(description, door.url, note, keeper.adopted)
+            if options.open_page and _has_screen():
+                webbrowser.open(door.url)
+            self._quit.wait()
+        finally:
+            for part in parts:
+                part.stop()
+
+
+def _refuse_a_second(robot: str) -> None:
+    if other := runtime.find("console", robot):
+        raise runtime.BusyError(
+            f"robot {robot!r} is driven already by the console of process {other.pid}; its page is {other.endpoint} "
+            "(end it there, or with Ctrl-C where it was started)"
+        )
+
+
+def _robot_options(options: ConsoleOptions) -> tuple[str, ...]:
+    log_file = ("--can-log", str(options.can_log.absolute())) if options.can_log else ()
+    return ("--twin", options.twin, *log_file)
+
+
+def _choose_port(wanted: int) -> tuple[int, str]:
+    """The wanted port, or the next free one and a note that says who has the wanted one."""
+    holder = runtime.port_holder(wanted) if wanted else None
+    if holder is None:
+        return wanted, ""
+    port = runtime.free_port(wanted + 1)
+    return port, f"Port {wanted} is held by {holder}; using {port} instead."
+
+
+def _say(description: RobotDescription, url: str, note: str, adopted: bool) -> None:
+    if note:
+        print(note, flush=True)
+    how = "adopted the running robot process" if adopted else "started"
+    print(f"{description.title}: {how}. Page: {url}   (Ctrl-C ends it)", flush=True)
+
+
+def _has_screen() -> bool:
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

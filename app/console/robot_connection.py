@@ -1,0 +1,88 @@
+"""The console's connection to its robot process, over that process's deaths and restarts."""
+
+import threading
+import time
+from collections import deque
+
+from app.console.robot_keeper import RobotKeeper, RobotStartError
+from app.link import ConsoleLink, LinkError
+from cobra.messages import Event, Meta, Reply, RobotState
+
+FIRST_STATE_S = 15.0
+RATE_WINDOW = 50
+
+
+class RobotConnection:
+    """Adopts or starts the robot process, holds the link to it, and notices at once when it is gone."""
+
+    def __init__(self, keeper: RobotKeeper, name: str) -> None:
+        self._keeper = keeper
+        self._name = name
+        self._link: ConsoleLink | None = None
+        self._lock = threading.Lock()
+        self._arrivals: deque[tuple[int, float]] = deque(maxlen=RATE_WINDOW)
+        self.events: deque[Event] = deque(maxlen=200)
+        self.present = False
+        """Whether the robot process is there."""
+
+    def start(self) -> Meta:
+        """Connect to the process that the keeper launched; returns what it says of itself.
+
+        Raises:
+            RobotStartError, LinkError: it did not come up, or does not answer.
+        """
+        running = self._keeper.wait()
+        link = ConsoleLink(self._name, running.endpoint, self._alive)
+        link.events = self.events
+        link.start()
+        try:
+            link.wait_for_state(FIRST_STATE_S)
+            meta = link.meta()
+        except LinkError:
+            link.stop()
+            raise
+        self._link, self.present = link, True
+        return meta
+
+    def stop(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.stop()
+
+    @property
+    def link(self) -> ConsoleLink | None:
+        """The link while the robot process is there."""
+        return self._link if self.present else None
+
+    def latest(self) -> RobotState | None:
+        """The newest state, also of a process that is gone by now."""
+        return self._link.latest if self._link else None
+
+    def age(self) -> float:
+        """Seconds since the newest state arrived; inf before the first."""
+        return time.monotonic() - self._link.arrived if self._link and self._link.latest else float("inf")
+
+    def rate(self) -> float:
+        """States that reached us lately [Hz]; call it regularly."""
+        if self._link is None:
+            return 0.0
+        self._arrivals.append((self._link.received, time.monotonic()))
+        (n0, t0), (n1, t1) = self._arrivals[0], self._arrivals[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+    def restart(self) -> Reply:
+        """End what is left of the robot process and start it anew, disarmed."""
+        with self._lock:
+            self.stop()
+            self.present = False
+            self._arrivals.clear()
+            self._keeper.end()
+            self._keeper.launch()
+            try:
+                self.start()
+            except (RobotStartError, LinkError) as error:
+                return Reply(ok=False, reasons=(str(error),))
+        return Reply(ok=True)
+
+    def _alive(self, alive: bool) -> None:
+        self.present = alive

@@ -1,0 +1,216 @@
+"""What the operator's pages see and may ask for: the console as the front door knows it."""
+
+import asyncio
+import math
+import threading
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from app.console.driver import Driver
+from app.console.inputs import Controls, InputSource
+from app.console.mapping import PAD_MAP
+from app.console.page_socket import What
+from app.console.page_state import Answer, Bend, DriveState, EventLine, Pad, Snapshot, Welcome
+from app.console.pilot import Pilot
+from app.console.robot_connection import RobotConnection
+from cobra.clock import Clock
+from cobra.description import RobotDescription
+from cobra.kinematics.backbone import Backbone
+from cobra.kinematics.configuration import FEED, TWIST, Configuration
+from cobra.messages import Drives, Reply, Request, RobotState
+
+SHOWN_EVENTS = 8
+
+
+class ConsoleSession:
+    """Implements `PageSession` on the robot's newest state, the pilot and the driver."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        robot: RobotConnection,
+        pilot: Pilot,
+        driver: Driver,
+        pad: InputSource | None,
+        versions: dict[str, str],
+        quit_console: Callable[[], None],
+        clock: Clock,
+    ) -> None:
+        self._description = description
+        self._layout = Configuration(description)
+        self._backbone = Backbone(description)
+        self._robot = robot
+        self._pilot = pilot
+        self._driver = driver
+        self._pad = pad
+        self._versions = versions
+        self._quit = quit_console
+        self._clock = clock
+        # Requests wait for the robot process; the front door's thread must not.
+        self._workers = ThreadPoolExecutor(4, thread_name_prefix="request")
+
+    def stop(self) -> None:
+        self._workers.shutdown(wait=False, cancel_futures=True)
+
+    def welcome(self) -> Welcome:
+        d = self._description
+        return Welcome(
+            robot=d.name,
+            title=d.title,
+            summary=d.summary,
+            sections=[section.name for section in d.sections],
+            limits={
+                "twist_deg": d.twist.range_deg if d.twist else None,
+                "feed_mm": (d.feed.range_m[0] * 1e3, d.feed.range_m[1] * 1e3) if d.feed else None,
+            },
+            speed_levels=list(d.teleop.speed_levels),
+            tendons=list(d.tendon_names),
+            max_tension_N=d.tendon.max_tension_N if d.tendon else 0.0,
+            pad_map=list(PAD_MAP),
+            versions=self._versions,
+        )
+
+    def snapshot(self) -> Snapshot:
+        state, age = self._robot.latest(), self._robot.age()
+        pilot = self._pilot.status(self._clock.now())
+        present = self._robot.present
+        return Snapshot(
+            phase=state.phase if state and present else "fault",
+            cause=_cause(state, present),
+            hints=pilot.words,
+            reasons=[*state.reasons] if state else [],
+            homed=bool(state and state.homed),
+            link={"ok": present and age < 0.5, "robot": present, "age_ms": _number(age * 1e3)},
+            lease={
+                "holder": state.lease.holder if state else "",
+                "since_s": _number(state.stamp - state.lease.since) if state and state.lease.holder else None,
+                "fresh": bool(state and state.lease.fresh),
+            },
+            driver=pilot.driver,
+            pad=self._pad_state(),
+            mode=state.mode if state else "section",
+            section=pilot.selection.section,
+            speed=pilot.selection.level,
+            **self._shape(state),
+            **self._drives(state.drives if state else None),
+            drops=state.drops if state else {},
+            bus=state.bus if state else {},
+            timing={name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
+            events=self._events(state),
+            console_rate=self._robot.rate(),
+        )
+
+    def controls(self, page: str, sequence: int, controls: Controls) -> None:
+        self._pilot.update(page, controls)
+        self._driver.wake()
+
+    def gone(self, page: str) -> None:
+        self._pilot.detach(page)
+        self._driver.wake()
+
+    def act(self, page: str, what: What, value: int | None) -> Answer | Awaitable[Answer]:
+        match what:
+            case "stop":
+                self._driver.halt(page, "pressed on the page")
+                return _yes()
+            case "section":
+                return _answer(self._pilot.select(page, section=value))
+            case "speed":
+                return _answer(self._pilot.select(page, level=value))
+            case "quit":
+                threading.Thread(target=self._quit, daemon=True).start()
+                return _yes()
+            case "restart_robot":
+                return self._later(self._robot.restart)
+            case _:
+                return self._later(lambda: self._driver.ask(Request(what=what)))
+
+    async def _later(self, ask: Callable[[], Reply]) -> Answer:
+        reply = await asyncio.get_running_loop().run_in_executor(self._workers, ask)
+        return Answer(ok=reply.ok, reasons=list(reply.reasons))
+
+    def _pad_state(self) -> Pad:
+        controls = self._pad.read() if self._pad else Controls(connected=False)
+        return Pad(
+            name=self._pad.name if self._pad else "",
+            connected=controls.connected,
+            controls={
+                "left": controls.left,
+                "right": controls.right,
+                "lt": controls.left_trigger,
+                "rt": controls.right_trigger,
+                "buttons": sorted(controls.buttons),
+            },
+        )
+
+    def _shape(self, state: RobotState | None) -> dict[str, Any]:
+        """Bends, twist, feed and tip from the measured configuration."""
+        q = np.array(state.measured if state else self._layout.rest())
+        sections = zip(self._description.sections, self._layout.bends, strict=True)
+        bends = [
+            Bend(
+                name=section.name,
+                deg=_number(math.degrees(math.hypot(*q[where]))),
+                dir_deg=_number(math.degrees(math.atan2(q[where][1], q[where][0]))),
+                limit_deg=section.max_bend_deg,
+            )
+            for section, where in sections
+        ]
+        tip = self._backbone.tip(q)[:3, 3] * 1e3
+        return {
+            "bends": bends,
+            "twist_deg": _number(math.degrees(q[TWIST])),
+            "feed_mm": _number(q[FEED] * 1e3),
+            "tip_mm": [_number(x) for x in tip],
+        }
+
+    def _drives(self, drives: Drives | None) -> dict[str, Any]:
+        d = self._description
+        limits = (
+            {"min": d.tendon.min_tension_N, "max": d.tendon.max_tension_N} if d.tendon else {"min": 0.0, "max": 0.0}
+        )
+        if drives is None:
+            return {"drives": [], "tensions": [], "tension_limits": limits}
+        return {
+            "drives": [
+                DriveState(
+                    name=drive.name,
+                    moves=drive.moves,
+                    temperature=_number(drives.temperature[i]),
+                    voltage=_number(drives.voltage[i]),
+                    load=_number(drives.load[i]),
+                    age_ms=_number(drives.age[i] * 1e3),
+                    fault=drives.fault[i],
+                )
+                for i, drive in enumerate(d.drives)
+            ],
+            "tensions": [_number(drives.load[i]) for i in d.tendon_drives],
+            "tension_limits": limits,
+        }
+
+    def _events(self, state: RobotState | None) -> list[EventLine]:
+        now = state.stamp if state else 0.0
+        newest = list(self._robot.events)[-SHOWN_EVENTS:]
+        return [EventLine(level=e.level, text=e.text, ago=max(now - e.stamp, 0.0)) for e in reversed(newest)]
+
+
+def _cause(state: RobotState | None, present: bool) -> str:
+    if not present:
+        return "The robot process is gone. The motors hold where they stand. Restart it, then arm again."
+    return state.cause if state else "Waiting for the robot process."
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN: what is not known is null."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _yes() -> Answer:
+    return Answer(ok=True, reasons=[])
+
+
+def _answer(refusal: str) -> Answer:
+    return Answer(ok=not refusal, reasons=[refusal] if refusal else [])
