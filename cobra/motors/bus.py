@@ -7,10 +7,12 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cobra.errors import OperatorError
+
 Floats = NDArray[np.float64]
 
 
-class BusError(RuntimeError):
+class BusError(OperatorError):
     """The bus cannot be opened or is gone. The message says what was tried, what is missing and what to do."""
 
 
@@ -43,12 +45,11 @@ class Feedback:
 
 
 class MotorBus(Protocol):
-    """All motors of a robot behind one burst-then-collect exchange.
+    """All motors of a robot behind one burst-then-collect exchange."""
 
-    `counts` holds every frame that could not be used, by reason (unknown id, short frame, late reply, …).
-    """
-
-    counts: dict[str, int]
+    @property
+    def counts(self) -> dict[str, int]:
+        """Every frame that could not be used, by reason (unknown id, short frame, late reply, …)."""
 
     def open(self) -> None:
         """Open the channels and find the motors.

@@ -97,11 +97,18 @@ class Dialect:
     """The requests of one dialect, the id of its replies, and its error bits."""
 
     def __init__(
-        self, name: Protocol, reply_id: int, faults: dict[int, str], table: dict[Request, tuple[int, str, str]]
+        self,
+        name: Protocol,
+        reply_id: int,
+        command_per_feedback_current: float,
+        faults: dict[int, str],
+        table: dict[Request, tuple[int, str, str]],
     ) -> None:
         self.name: Protocol = name
         self.reply_id = reply_id
         """Replies come on reply_id + address."""
+        self.command_per_feedback_current = command_per_feedback_current
+        """Worth of a count in a torque request, as a multiple of that in a reply."""
         self.faults = faults
         """Bit of `flags` → in words."""
         self.entries = {name: Entry(command, Layout(q), Layout(a)) for name, (command, q, a) in table.items()}
@@ -123,6 +130,7 @@ _PHASES_V1 = "phase_a_A i16@2 /64, phase_b_A i16@4 /64, phase_c_A i16@6 /64"
 RMD_V1 = Dialect(
     "rmd-v1",
     0x140,
+    (32 / 2000) / (33 / 2048),
     {0x01: "undervoltage", 0x08: "over-temperature"},
     {
         "status_1": (0x9A, "", _STATUS_V1),
@@ -156,6 +164,7 @@ _PHASES_V3 = "phase_a_A i16@2 /100, phase_b_A i16@4 /100, phase_c_A i16@6 /100"
 RMD_V3 = Dialect(
     "rmd-v3",
     0x240,
+    1.0,
     {
         0x0002: "motor stalled",
         0x0004: "undervoltage",

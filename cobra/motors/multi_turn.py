@@ -1,0 +1,60 @@
+"""Multi-turn angle from a single-turn encoder on the motor's shaft (RMD dialect v1).
+
+Every reply carries the encoder; the multi-turn angle (0x92) is read once at the start and then round-robin as a check.
+Between two replies less than half a turn can pass as long as the gap is short; after a longer gap the turns are guessed
+from the speed, and the next 0x92 decides.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class MultiTurn:
+    """Angles of n motor shafts [degrees], NaN until anchored."""
+
+    def __init__(self, counts_per_turn: Floats, safe_gap_s: Floats) -> None:
+        """`safe_gap_s`: at full speed a shaft turns less than half a turn in this time. Both (n,)."""
+        n = len(counts_per_turn)
+        self.angle_deg: Floats = np.full(n, np.nan)
+        self.doubtful: Bools = np.ones(n, dtype=bool)
+        """Turns guessed over a long gap, or not yet anchored: 0x92 is wanted."""
+        self._counts = counts_per_turn
+        self._safe_gap_s = safe_gap_s
+        self._encoder: Floats = np.full(n, np.nan)
+        self._speed_dps: Floats = np.zeros(n)
+        self._time_s: Floats = np.full(n, -np.inf)
+
+    def advance(self, encoder: Floats, speed_dps: Floats, time_s: Floats) -> None:
+        """Take the newest encoder readings, speeds and their times; a drive whose time did not change stays. All (n,)."""
+        fresh = time_s > self._time_s
+        first = fresh & np.isnan(self._encoder)
+        gap = np.where(fresh & ~first, time_s - self._time_s, 0.0)
+        long = gap > self._safe_gap_s
+        expected = np.where(long, 0.5 * (speed_dps + self._speed_dps) * gap * self._counts / 360.0, 0.0)
+        step = np.where(fresh & ~first, encoder - self._encoder, 0.0)
+        step += np.round((expected - step) / self._counts) * self._counts
+        self.angle_deg += step * (360.0 / self._counts)
+        self.doubtful |= long
+        self._encoder = np.where(fresh, encoder, self._encoder)
+        self._speed_dps = np.where(fresh, speed_dps, self._speed_dps)
+        self._time_s = np.where(fresh, time_s, self._time_s)
+
+    def anchor(self, i: int, angle_deg: float) -> int:
+        """Compare with the multi-turn angle that drive i reports; set what was not known, correct whole turns.
+
+        Returns the turns by which a count that was not in doubt was wrong: the drive was restarted, or its encoder slipped.
+        """
+        if np.isnan(self._encoder[i]):
+            return 0
+        if np.isnan(self.angle_deg[i]):
+            self.angle_deg[i] = angle_deg
+            self.doubtful[i] = False
+            return 0
+        turns = round((angle_deg - self.angle_deg[i]) / 360.0)
+        self.angle_deg[i] += 360.0 * turns
+        trusted = not self.doubtful[i]
+        self.doubtful[i] = False
+        return turns if trusted else 0

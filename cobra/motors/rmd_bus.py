@@ -1,0 +1,387 @@
+"""All RMD drives of one CAN channel behind one burst-then-collect exchange.
+
+Angles, velocities and currents are those of the output shaft, in the drive's own positive direction: the description's
+`direction` is part of `Drive.travel_per_rad` and is applied once, where angles become travel.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Set
+from itertools import cycle
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cobra.clock import Clock
+from cobra.description import Bus, Drive, Motor, RobotDescription
+from cobra.motors.bus import Feedback, Floats
+from cobra.motors.bus_load import channel_load
+from cobra.motors.multi_turn import MultiTurn
+from cobra.motors.rmd import DIALECTS, RMD_V1, RMD_V3, WATCHDOG_ALARM, Dialect, Request, decode, fault_words
+from cobra.motors.rmd_channel import Incoming, Outgoing, Record, RmdChannel, outgoing, reply_key
+
+REPLY_LATENCY_S = 0.003
+"""A drive may take so long to answer; 1.1 to 2 ms are seen on real ones."""
+WATCHDOG_MS = 500
+"""v3: without a request for so long the drive cuts its output. Well above a garbage collection, well below a person."""
+ATTEMPTS = 3
+"""How often a drive is asked what must be known: arming, holding, switching off."""
+MAX_URGENT_POLLS = 2
+"""Angles in doubt that are read in one tick on top of the plan."""
+
+MOTION_FIELDS = 5  # command, temperature, current, speed, position
+_INT32 = 2**31 - 1
+
+
+class _DriveLink:
+    """One drive on its bus: what it speaks, and the requests that are sent again and again."""
+
+    def __init__(self, drive: Drive, motor: Motor) -> None:
+        self.name = drive.name
+        self.address = drive.address
+        self.motor = motor
+        self.dialect: Dialect = DIALECTS[motor.protocol]
+        self.coarse = self.dialect is RMD_V3
+        self.shaft_ratio = 1.0 if self.coarse else motor.gear_ratio
+        """Turns of the shaft that the dialect speaks of, for one of the output shaft."""
+        limit_dps = math.degrees(motor.max_speed_rad_s) * self.shaft_ratio
+        # 0 would mean "no limit" in v3.
+        self.speed_limit_dps = min(65535, max(1, round(limit_dps)))
+        self.setpoint = self.request("position", speed_dps=self.speed_limit_dps, angle_deg=0.0)
+        self.motion = self.request("status_2")
+        self.angle = self.request("multi_turn_angle")
+        self.status = self.request("status_1")
+        self.alarm_key = reply_key(self.dialect, drive.address, WATCHDOG_ALARM)
+        self.errors: tuple[str, ...] = ()
+        self.lost: str = ""
+        """What a drive must be enabled again for: alarms, jumps of its angle."""
+
+    def request(self, request: Request, **values: float) -> Outgoing:
+        return outgoing(self.dialect, self.address, request, **values)
+
+    @property
+    def foreign_status_key(self) -> int:
+        """Under which the other dialect's drive would answer a status request."""
+        other = RMD_V1 if self.coarse else RMD_V3
+        return reply_key(other, self.address, other.entries["status_1"].command)
+
+    @property
+    def fault(self) -> str:
+        return "; ".join((*self.errors, self.lost) if self.lost else self.errors)
+
+
+class RmdBus:
+    """`MotorBus` for the RMD drives of one channel; entries are in the order of `indices`.
+
+    v1: multi-turn angle from the encoder in every reply, anchored by 0x92. v3: 0x92 of as many drives a tick as fit.
+    """
+
+    def __init__(self, description: RobotDescription, bus: Bus, clock: Clock, options: dict[str, Any]) -> None:
+        self.indices = tuple(i for i, drive in enumerate(description.drives) if drive.bus == bus.name)
+        """Position of each drive in the description."""
+        drives = [description.drives[i] for i in self.indices]
+        self._drives = [_DriveLink(drive, description.motor_of(drive)) for drive in drives]
+        self._where = bus.name
+        self._clock = clock
+        self._count: Counter[str] = Counter()
+        self.counts: dict[str, int] = self._count
+        self._channel = RmdChannel(bus, clock, options, self._count)
+        self._channel.welcome |= {link.alarm_key for link in self._drives}
+        self._load = channel_load(description, bus)
+        period_s = 1.0 / description.teleop.loop_rate_Hz
+        self.reply_timeout_s = min(self._load.wire_time_s + REPLY_LATENCY_S, 0.9 * period_s)
+        self._enabled = False
+        self._watched = False
+
+        n = len(self._drives)
+        ratio = np.array([link.shaft_ratio for link in self._drives])
+        self._counts_per_rad = ratio * np.degrees(1.0) * 100.0
+        self._rad_per_degree = np.radians(1.0) / ratio
+        self._amperes = np.array([link.motor.current_per_count_A for link in self._drives])
+        self._coarse = np.array([link.coarse for link in self._drives], dtype=bool)
+        per_turn = np.array([2.0**link.motor.encoder_bits for link in self._drives])
+        full_speed = ratio * np.array([link.motor.max_speed_rad_s for link in self._drives])
+        self._turns = MultiTurn(per_turn, 0.8 * np.pi / full_speed)
+        self._motion: list[tuple[int, ...]] = [(0,) * MOTION_FIELDS] * n
+        self._motion_time: Floats = np.full(n, np.nan)
+        self._seen = np.zeros(n, dtype=bool)
+        self._angle_deg: Floats = np.full(n, np.nan)
+        self._angle_time: Floats = np.full(n, -np.inf)
+        self._voltage: Floats = np.full(n, np.nan)
+        self._missed = np.zeros(n, dtype=np.int64)
+        self._sent: list[Outgoing] = []
+        self._angle_of = {link.angle.key: i for i, link in enumerate(self._drives)}
+        self._status_of = {link.status.key: i for i, link in enumerate(self._drives)}
+        self._angle_cycle = cycle([link.angle for link in self._drives if link.coarse])
+        # The turn count of a v1 drive is checked as often as its status is read.
+        slow = [
+            poll for link in self._drives for poll in ((link.status,) if link.coarse else (link.status, link.angle))
+        ]
+        self._slow_cycle = cycle(slow)
+        self._slow_credit = 0.0
+        self._urgent: deque[int] = deque()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What people should know about these drives."""
+        bare = [link.name for link in self._drives if not link.coarse]
+        if not bare:
+            return ()
+        return (
+            f"bus {self._where!r}: rmd-v1 drives have no watchdog ({', '.join(bare)}): "
+            "they hold their last setpoint when the controller is gone",
+        )
+
+    def record_to(self, record: Record | None) -> None:
+        """Show every frame, sent and received, to `record`."""
+        self._channel.record = record
+
+    # -- life -----------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the channel and find the drives; who does not answer is told by `enable`. Raises BusError."""
+        self._channel.open()
+        self._channel.purge()
+        self._find()
+
+    def close(self) -> None:
+        """The drives keep what they were last told: the watchdog of those that have one is taken off."""
+        try:
+            if self._watched:
+                self._set_watchdogs([link for link in self._drives if link.coarse], 0)
+        finally:
+            self._watched = self._enabled = False
+            self._channel.close()
+
+    def enable(self) -> tuple[str, ...]:
+        """Purge, probe every drive, arm the watchdogs. Returns what prevents it, in words. Raises BusError."""
+        self._enabled = False
+        self._channel.purge()
+        for link in self._drives:
+            link.lost = ""
+        reasons = [*self._find(), *self._arm_watchdogs()]
+        self._enabled = not reasons
+        return tuple(reasons)
+
+    def refuse_setpoints(self) -> None:
+        """Only read from now on, until enabled."""
+        self._enabled = False
+
+    def disable(self) -> None:
+        """Torque off (0x80). Raises BusError."""
+        self.refuse_setpoints()
+        self._tell_all("off")
+
+    def hold(self) -> None:
+        """Stop with torque (0x81). Raises BusError."""
+        self._tell_all("stop")
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- the tick -------------------------------------------------------------------------------------------------
+
+    def exchange(self, angles: Floats | None) -> Feedback:
+        """One burst of setpoints [rad, (n,)] and polls, then all replies. Raises BusError if the channel is gone."""
+        self.burst(angles)
+        return self.collect()
+
+    def burst(self, angles: Floats | None) -> None:
+        """The sending half. Only enabled drives are commanded, and only with finite setpoints; others are read."""
+        self._sent = self._reads() if angles is None else self._setpoints(angles)
+        self._channel.send((*self._sent, *self._polls()), self.reply_timeout_s)
+
+    def collect(self) -> Feedback:
+        """The receiving half."""
+        replies = self._channel.collect()
+        valid = self._take(self._sent, replies)
+        self._missed = np.where(valid, 0, self._missed + 1)
+        return self._feedback(valid)
+
+    def _reads(self) -> list[Outgoing]:
+        return [link.motion for link in self._drives]
+
+    def _setpoints(self, angles: Floats) -> list[Outgoing]:
+        if not self._enabled:
+            self._count["setpoints while not enabled"] += 1
+            return self._reads()
+        finite = np.isfinite(angles)
+        counts = np.where(finite, np.clip(np.rint(angles * self._counts_per_rad), -_INT32, _INT32), 0).astype(int)
+        sent = []
+        for link, count, usable in zip(self._drives, counts.tolist(), finite.tolist(), strict=True):
+            if usable:
+                link.setpoint.message.data[4:8] = count.to_bytes(4, "little", signed=True)
+                sent.append(link.setpoint)
+            else:
+                self._count["setpoint not finite"] += 1
+                sent.append(link.motion)
+        return sent
+
+    def _polls(self) -> list[Outgoing]:
+        """Reads of this tick beside the setpoints, none twice."""
+        polls = [next(self._angle_cycle) for _ in range(self._load.angle_polls)]
+        self._slow_credit += self._load.slow_polls
+        if self._slow_credit >= 1.0:
+            self._slow_credit -= 1.0
+            polls.append(next(self._slow_cycle))
+        if not self._urgent:
+            self._urgent.extend(np.flatnonzero(self._turns.doubtful & ~self._coarse).tolist())
+        for _ in range(min(MAX_URGENT_POLLS, len(self._urgent))):
+            polls.append(self._drives[self._urgent.popleft()].angle)
+        return list({poll.key: poll for poll in polls}.values())
+
+    def _take(self, sent: list[Outgoing], replies: dict[int, Incoming]) -> NDArray[np.bool_]:
+        """Take motion, angles and status from the replies; True for every drive whose entry of `sent` was answered."""
+        valid = np.zeros(len(self._drives), dtype=bool)
+        unpack = RMD_V1.entries["status_2"].reply.struct.unpack
+        unpack_v3 = RMD_V3.entries["status_2"].reply.struct.unpack
+        for i, request in enumerate(sent):
+            if (reply := replies.get(request.key)) is not None:
+                self._motion[i] = (unpack_v3 if self._drives[i].coarse else unpack)(reply.data)
+                self._motion_time[i] = reply.time_s
+                valid[i] = True
+        self._seen |= valid
+        columns = np.array(self._motion, dtype=float)
+        self._turns.advance(columns[:, 4], columns[:, 3], np.where(self._coarse, np.nan, self._motion_time))
+        for key, reply in replies.items():
+            if key in self._angle_of:
+                self._take_angle(self._angle_of[key], reply)
+            elif key in self._status_of:
+                self._take_status(self._status_of[key], reply)
+        if self._channel.noted:
+            self._take_alarms()
+        return valid
+
+    def _take_angle(self, i: int, reply: Incoming) -> None:
+        link = self._drives[i]
+        angle = decode(link.dialect, "multi_turn_angle", reply.data)["angle_deg"]
+        if not link.coarse:
+            turns = self._turns.anchor(i, angle)
+            if turns:
+                self._jumped(link, turns * 360.0 / link.shaft_ratio)
+            return
+        gap = reply.time_s - self._angle_time[i]
+        jump = angle - self._angle_deg[i]
+        # Twice the distance possible at full speed, and some for the delay of the reply.
+        if abs(jump) > 2.0 * link.speed_limit_dps * gap + 10.0:
+            self._jumped(link, jump)
+        self._angle_deg[i] = angle
+        self._angle_time[i] = reply.time_s
+
+    def _jumped(self, link: _DriveLink, degrees: float) -> None:
+        self._count["angle jumped"] += 1
+        link.lost = f"its angle jumped by {degrees:+.1f} degrees (power lost, or encoder slipped): home again"
+
+    def _take_status(self, i: int, reply: Incoming) -> None:
+        link = self._drives[i]
+        status = decode(link.dialect, "status_1", reply.data)
+        self._voltage[i] = status["voltage_V"]
+        link.errors = (*fault_words(link.dialect, int(status["flags"])), *_beyond_limits(link.motor, status))
+
+    def _take_alarms(self) -> None:
+        for link in self._drives:
+            if link.alarm_key in self._channel.noted:
+                self._count["watchdog alarm"] += 1
+                link.lost = "its watchdog has cut the output: enable again"
+        self._channel.noted.clear()
+
+    def _feedback(self, valid: NDArray[np.bool_]) -> Feedback:
+        columns = np.array(self._motion, dtype=float)
+        columns[~self._seen] = np.nan
+        degrees = np.where(self._coarse, self._angle_deg, self._turns.angle_deg)
+        time_s = np.where(self._coarse, self._angle_time, np.where(np.isnan(degrees), -np.inf, self._motion_time))
+        return Feedback(
+            angle=degrees * self._rad_per_degree,
+            velocity=columns[:, 3] * self._rad_per_degree,
+            current=columns[:, 2] * self._amperes,
+            temperature=columns[:, 1],
+            voltage=self._voltage.copy(),
+            age=self._clock.now() - time_s,
+            valid=valid,
+            missed=self._missed,
+            faults=tuple(link.fault for link in self._drives),
+        )
+
+    # -- asking until answered ------------------------------------------------------------------------------------
+
+    def _ask(self, requests: list[Outgoing]) -> dict[int, Incoming]:
+        """Replies by key; who does not answer is asked again."""
+        replies: dict[int, Incoming] = {}
+        for _ in range(ATTEMPTS):
+            missing = [request for request in requests if request.key not in replies]
+            if not missing:
+                break
+            replies |= self._channel.transact(missing, self.reply_timeout_s)
+        return replies
+
+    def _tell_all(self, request: Request) -> None:
+        told = self._ask([link.request(request) for link in self._drives])
+        if silent := len(self._drives) - len(told):
+            self._count[f"no answer to {request}"] += silent
+
+    def _find(self) -> list[str]:
+        """Read status, motion and angle of every drive. What prevents arming, in words."""
+        foreign = {link.foreign_status_key for link in self._drives} - self._status_of.keys()
+        self._channel.welcome |= foreign
+        replies = self._ask([link.status for link in self._drives])
+        motions = [link.motion for link in self._drives]
+        here = [link for link in self._drives if link.status.key in replies]
+        replies |= self._ask([link.motion for link in here]) | self._ask([link.angle for link in here])
+        self._channel.welcome -= foreign
+        strangers = self._channel.noted & foreign
+        self._channel.noted -= foreign
+        self._take(motions, replies)
+        return [reason for link in self._drives if (reason := self._prevents(link, replies.keys(), strangers))]
+
+    def _prevents(self, link: _DriveLink, answered: Set[int], strangers: Set[int]) -> str:
+        who = f"drive {link.name!r} (address {link.address} on {self._channel.label})"
+        if link.foreign_status_key in strangers:
+            spoken, described = (RMD_V1 if link.coarse else RMD_V3).name, link.dialect.name
+            return f"{who} speaks {spoken}, described is {described}: correct motors.protocol of {link.motor.name!r}"
+        if link.status.key not in answered:
+            return f"{who} does not answer: check its power, address, bit rate and the bus termination"
+        if not {link.motion.key, link.angle.key} <= answered:
+            return f"{who} answers, but does not tell its angle: switch it off and on"
+        return f"{who}: {link.fault}" if link.fault else ""
+
+    def _arm_watchdogs(self) -> list[str]:
+        """v3: direct tracking instead of a trapezoid per setpoint, and the watchdog, set and read back."""
+        links = [link for link in self._drives if link.coarse]
+        for index in (0, 1):  # planning acceleration and deceleration; written only if needed, since it wears flash
+            asked = {link.request("read_acceleration", index=index).key: link for link in links}
+            told = self._ask([link.request("read_acceleration", index=index) for link in links])
+            planning = [
+                asked[key]
+                for key, reply in told.items()
+                if decode(RMD_V3, "read_acceleration", reply.data)["acceleration_dps2"] != 0
+            ]
+            self._ask([link.request("write_acceleration", index=index, acceleration_dps2=0) for link in planning])
+        return self._set_watchdogs(links, WATCHDOG_MS)
+
+    def _set_watchdogs(self, links: list[_DriveLink], timeout_ms: int) -> list[str]:
+        requests = {link.name: link.request("watchdog", timeout_ms=timeout_ms) for link in links}
+        told = self._ask(list(requests.values()))
+        self._watched = bool(links) and timeout_ms > 0
+        return [
+            f"drive {name!r} did not take its watchdog of {timeout_ms} ms: its firmware may lack 0xB3"
+            for name, request in requests.items()
+            if request.key not in told or decode(RMD_V3, "watchdog", told[request.key].data)["timeout_ms"] != timeout_ms
+        ]
+
+
+def _beyond_limits(motor: Motor, status: dict[str, float]) -> tuple[str, ...]:
+    celsius, volts = status["temperature_C"], status["voltage_V"]
+    words = []
+    if celsius > motor.max_temperature_C:
+        words.append(f"{celsius:g} °C, at most {motor.max_temperature_C:g}")
+    if not motor.min_voltage_V <= volts <= motor.max_voltage_V:
+        words.append(f"{volts:g} V, must be {motor.min_voltage_V:g} to {motor.max_voltage_V:g}")
+    return tuple(words)

@@ -1,0 +1,148 @@
+"""The world behind a simulated CAN channel: drives, the plant they move, and the passing of time.
+
+Frames are answered at once from the drives' last snapshot; no lock is held that a sender needs while the plant computes.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Final, Literal
+
+import numpy as np
+
+from cobra.clock import Clock
+from cobra.description import RobotDescription
+from cobra.motors.rmd import DIALECTS, REQUEST_ID
+from cobra.simulation.plant import Floats, Plant, Truth
+from cobra.simulation.rmd_drive import RmdDrive
+from cobra.simulation.servos import Servos, State
+
+Stepping = Literal["thread", "inline"]
+
+CHUNK_S: Final = 0.002
+"""Drives and plant advance in steps of this length."""
+MAX_CATCH_UP_S: Final = 0.1
+"""If the machine stalls for longer, the time beyond is dropped and counted: the world must not race afterwards."""
+SLACK_M: Final = (0.001, 0.004)
+"""Each tendon starts with some slack in this range."""
+
+_log = logging.getLogger(__name__)
+
+
+class World:
+    """Simulated drives of a robot and their plant; `plant=None` is a robot without any load."""
+
+    def __init__(
+        self, description: RobotDescription, plant: Plant | None, clock: Clock, stepping: Stepping, seed: int
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        motors = [description.motor_of(drive) for drive in description.drives]
+        self.description = description
+        self.clock = clock
+        self.stepping = stepping
+        self.servos = Servos(motors)
+        self.drives: tuple[RmdDrive | None, ...] = tuple(
+            RmdDrive(motor, self.servos, i, clock, rng) if motor.protocol in DIALECTS else None
+            for i, motor in enumerate(motors)
+        )
+        self._by_address = {
+            (drive.bus, drive.address): simulated
+            for drive, simulated in zip(description.drives, self.drives, strict=True)
+            if simulated is not None
+        }
+        self._guarded = {at: drive for at, drive in self._by_address.items() if "watchdog" in drive.dialect.entries}
+        self._send: Callable[[str, int, bytes], None] = lambda *_: None
+        self.dropped_s = 0.0
+        """Simulated time lost to a stalled machine."""
+        self.failure: Exception | None = None
+        """What ended the world, if it ended by itself."""
+        self.plant = plant
+        self._per_rad = np.array([drive.travel_per_rad for drive in description.drives])
+        # Tension pulls a tendon out, along its travel; the others' loads are forces of the drive, which bears their reaction.
+        sign = np.array([1.0 if drive.moves == "tendon" else -1.0 for drive in description.drives])
+        self._reaction = sign * self._per_rad
+        self._start_travel: Floats = np.array([_start_travel(description, i, rng) for i in range(len(motors))])
+        self._load: Floats = np.zeros(len(motors))
+        self._time_s = clock.now()
+        self._stepping_lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self, send: Callable[[str, int, bytes], None]) -> None:
+        """Let time pass. `send(bus name, id, data)` is called with what drives send unasked."""
+        self._send = send
+        self._time_s = self.clock.now()
+        if self.stepping == "thread":
+            self._thread = threading.Thread(target=self._run, name="simulated-world", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        self._stopped.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    @property
+    def travel(self) -> Floats:
+        """Where the drives' ends really are (drives,): m of tendon paid out, m of feed, rad of twist."""
+        return self._start_travel + self._per_rad * self.servos.angle
+
+    @property
+    def load(self) -> Floats:
+        """What the plant says the drives bear (drives,): N, or N·m for the twist."""
+        return self._load
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """The drives' states, one snapshot."""
+        return self.servos.states
+
+    @property
+    def time_s(self) -> float:
+        """Up to when the world has advanced [s, its clock]."""
+        return self._time_s
+
+    def truth(self) -> Truth | None:
+        """The plant's own truth; None without a plant."""
+        return self.plant.truth() if self.plant is not None else None
+
+    def answer(self, bus_name: str, arbitration_id: int, data: bytes) -> tuple[int, bytes] | None:
+        """What a drive on this bus replies to a plain 8-byte frame: id and data. None if no drive understands it."""
+        drive = self._by_address.get((bus_name, arbitration_id - REQUEST_ID))
+        reply = drive.answer(data) if drive is not None else None
+        return None if reply is None or drive is None else (drive.dialect.reply_id + arbitration_id - REQUEST_ID, reply)
+
+    def advance_to(self, now_s: float) -> None:
+        """Let the world catch up with the clock, in whole chunks."""
+        with self._stepping_lock:
+            behind = now_s - self._time_s
+            if self.stepping == "thread" and behind > MAX_CATCH_UP_S:
+                self.dropped_s += behind - MAX_CATCH_UP_S
+                self._time_s = now_s - MAX_CATCH_UP_S
+            # Half a nanosecond forgives the rounding of clocks that count in decimal steps.
+            while self._time_s + CHUNK_S <= now_s + 5e-10 and not self._stopped.is_set():
+                self._step()
+                self._time_s += CHUNK_S
+            for (bus_name, address), drive in self._guarded.items():
+                if (alarm := drive.alarm()) is not None:
+                    self._send(bus_name, drive.dialect.reply_id + address, alarm)
+
+    def _step(self) -> None:
+        angle = self.servos.step(self._load * self._reaction, CHUNK_S)
+        if self.plant is not None:
+            self._load = self.plant.advance(self._start_travel + self._per_rad * angle, CHUNK_S)
+
+    def _run(self) -> None:
+        try:
+            while not self._stopped.wait(CHUNK_S):
+                self.advance_to(self.clock.now())
+        except Exception as error:
+            # Kept for every sender and receiver, who report it as a dead adapter.
+            self.failure = error
+            _log.exception("the simulated world stopped")
+
+
+def _start_travel(description: RobotDescription, index: int, rng: np.random.Generator) -> float:
+    drive = description.drives[index]
+    if drive.moves == "tendon":
+        return float(rng.uniform(*SLACK_M))
+    return description.feed.start_m if drive.moves == "feed" and description.feed else 0.0
