@@ -34,6 +34,7 @@ POLICY = "; ".join(
     (
         "default-src 'self'",
         "img-src 'self' data:",
+        "frame-src 'self' http://localhost:* http://127.0.0.1:*",
         "object-src 'none'",
         "base-uri 'none'",
         "form-action 'none'",

@@ -18,6 +18,7 @@ from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.console.inputs import Button, Controls
+from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
 
 MAX_MESSAGE_BYTES = 4096
@@ -26,7 +27,6 @@ SILENCE_S = 0.2
 """A page that drives and is not heard for this long is released."""
 MAX_ECHO_AGE_S = 0.5
 """A page that shows an older picture than this, or whose messages were on their way this long, cannot drive."""
-DEAD_MAN: frozenset[Button] = frozenset({"left_shoulder"})
 MAX_REQUESTS = 16
 """Unanswered requests of one page; STOP is never among those refused."""
 
@@ -188,11 +188,13 @@ class _Page:
             self._count("oversized message")
             return None
         try:
-            return _decoder.decode(data)
+            message: _ControlsMessage | _Act | _Ping = _decoder.decode(data)
         except msgspec.ValidationError:
             self._count("message out of range or of no known kind")
         except (msgspec.DecodeError, RecursionError):
             self._count("malformed message")
+        else:
+            return message
         return None
 
     def _drive(self, message: _ControlsMessage) -> None:
@@ -215,7 +217,7 @@ class _Page:
             right=message.right,
             left_trigger=message.lt,
             right_trigger=message.rt,
-            buttons=message.buttons | DEAD_MAN if held else message.buttons - DEAD_MAN,
+            buttons=message.buttons | {DEAD_MAN} if held else message.buttons - {DEAD_MAN},
             stamp=now,
         )
         self._socket.session.controls(self.name, message.seq, controls)

@@ -48,13 +48,15 @@ OPERATING = frozenset(
 )
 """What works the panels and gizmos. The share tunnel's requests are on no list."""
 
-# viser's client reconnects only while its own document has the focus, which a frame or a wall monitor never has.
-RECONNECT_ALWAYS = "<script>Document.prototype.hasFocus=function(){return !document.hidden}</script>"
-NO_VIEWER = """<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="1">
+FRAME_SCRIPT = '<script src="/static/js/viewer_frame.js"></script>'
+"""Mends viser's reconnecting and ties its page to the operator's page around it."""
+NO_VIEWER = f"""<!doctype html><meta charset="utf-8">{FRAME_SCRIPT}<meta http-equiv="refresh" content="1">
 <meta name="color-scheme" content="dark light"><title>No 3D view</title>
 <body style="font:16px system-ui,sans-serif;display:grid;place-items:center;height:90vh;margin:0;opacity:.7">
 <p>The 3D view is not running. Trying again every second.</p>"""
 
+FRAMED_BY = {"content-security-policy": "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*"}
+"""Only the operator's page may show the view inside itself, under whichever of loopback's names it was opened."""
 MAX_FRAME_BYTES = 50 * 1024 * 1024
 """viser's own limit."""
 RECEIVE_BUFFER_BYTES = 64 * 1024
@@ -88,7 +90,7 @@ class ViewerProxy:
         self._port = viewer_port
 
     async def page(self, request: Request) -> Response:
-        """viser's files; its page with the reconnecting mended."""
+        """viser's files; its page with a script of ours ahead of its own."""
         path = request.path_params.get("path", "")
         if ".." in path.replace("\\", "/").split("/"):
             return Response("Not found", 404)
@@ -101,12 +103,12 @@ class ViewerProxy:
                 )
             except httpx.HTTPError:
                 self.counts["viser did not answer"] += 1
-                return HTMLResponse(NO_VIEWER, 503)
+                return HTMLResponse(NO_VIEWER, 503, FRAMED_BY)
         kind = found.headers.get("content-type", "application/octet-stream")
         content = found.content
         if kind.startswith("text/html"):
-            content = found.text.replace("<head>", f"<head>{RECONNECT_ALWAYS}", 1).encode()
-        return Response(content, found.status_code, {"content-type": kind, "cache-control": "no-cache"})
+            content = found.text.replace("<head>", f"<head>{FRAME_SCRIPT}", 1).encode()
+        return Response(content, found.status_code, {"content-type": kind, **FRAMED_BY})
 
     async def forward(self, websocket: WebSocket, role: Role = "driver") -> None:
         """Join one viewer with viser until either side ends it."""

@@ -1,0 +1,104 @@
+// What the driver holds and moves on this page, as one reading in the layout of a pad, and when it is sent.
+//
+// Hold-to-run: every on-screen drive control is its own dead-man, and so is the space bar for the keys.
+// `end()` lets everything go; nothing resumes until it is pressed anew.
+
+const TICK_MS = 20; // 50 Hz while something is held or has just changed …
+const IDLE_TICKS = 10; // … else 5 Hz.
+const RECENT_MS = 300;
+const CENTRE = [0, 0];
+
+export class Driving {
+  /** @param send called with each reading; @param show called when the reading changed */
+  constructor(send, show) {
+    this.send = send;
+    this.show = show;
+    this.enabled = false;
+    this.keys = new Set();
+    this.pressed = new Map(); // on-screen control → its value
+    this.letGo = []; // called by end(), so that the widgets let their pointers go
+    this.last = "";
+    this.changedAt = -Infinity;
+    this.ticks = 0;
+    setInterval(() => this.#tick(), TICK_MS);
+  }
+
+  /** An on-screen control is pressed, or moved to another value. */
+  press(control, value = true) {
+    if (!this.enabled) return;
+    this.pressed.set(control, value);
+    this.#changed();
+  }
+
+  release(control) {
+    if (this.pressed.delete(control)) this.#changed();
+  }
+
+  keyDown(code) {
+    if (!this.enabled) return;
+    this.keys.add(code);
+    this.#changed();
+  }
+
+  keyUp(code) {
+    if (this.keys.delete(code)) this.#changed();
+  }
+
+  /** Let everything go, now. */
+  end() {
+    this.keys.clear();
+    this.pressed.clear();
+    for (const release of this.letGo) release();
+    this.#changed();
+  }
+
+  /** The dead-man of the keyboard or of the page is held. */
+  get held() {
+    return this.pressed.size > 0 || this.keys.has("Space");
+  }
+
+  reading() {
+    if (!this.held) return { left: CENTRE, right: CENTRE, lt: 0, rt: 0, buttons: [], held: false };
+    const key = (code) => (this.keys.has(code) ? 1 : 0);
+    const on = (control) => (this.pressed.has(control) ? 1 : 0);
+    const either = (control, code) => Math.max(on(control), key(code));
+    const twist = either("twist-right", "KeyE") - either("twist-left", "KeyQ");
+    const right = this.pressed.get("stick-right") ?? inCircle(
+      key("ArrowRight") - key("ArrowLeft"), key("ArrowDown") - key("ArrowUp"));
+    return {
+      left: this.pressed.get("stick-left") ?? inCircle(key("KeyD") - key("KeyA"), key("KeyS") - key("KeyW")),
+      // As on the pad: with the right bumper, the right stick twists.
+      right: twist ? [twist, 0] : right,
+      lt: either("feed-out", "KeyF"),
+      rt: either("feed-in", "KeyR"),
+      buttons: twist ? ["right_shoulder"] : [],
+      held: true,
+    };
+  }
+
+  #changed() {
+    const reading = this.reading();
+    const text = JSON.stringify(reading);
+    if (text === this.last) return;
+    this.last = text;
+    this.changedAt = performance.now();
+    this.ticks = 0;
+    this.send(reading);
+    this.show(reading);
+  }
+
+  #tick() {
+    this.ticks += 1;
+    const busy = this.held || performance.now() - this.changedAt < RECENT_MS;
+    if (busy || this.ticks >= IDLE_TICKS) {
+      this.ticks = 0;
+      this.send(this.reading());
+    }
+  }
+}
+
+/** A stick's position cut to the unit circle, in thousandths. */
+export function inCircle(x, y) {
+  const length = Math.max(1, Math.hypot(x, y));
+  return [Math.trunc((x / length) * 1000) / 1000, Math.trunc((y / length) * 1000) / 1000];
+}

@@ -1,0 +1,126 @@
+// Bends as dials, twist and feed as bars, tensions as columns: each with its limits.
+
+import { byId, figure, make, setText } from "./format.js";
+
+const NEAR = 0.85; // of a limit
+const AT = 0.97;
+const DIAL = 44;
+
+// Tension's colour as a share of its limit, the same as in the 3D view.
+const RAMP = [
+  [0, 62, 104, 214], [0.12, 64, 150, 224], [0.4, 72, 196, 150], [0.72, 236, 180, 64], [1, 236, 62, 52],
+];
+
+export class Instruments {
+  constructor() {
+    this.dials = [];
+    this.columns = [];
+    this.facts = null;
+  }
+
+  welcome(facts) {
+    this.facts = facts;
+    const groups = [];
+    this.columns = facts.tendons.map((name) => {
+      const fill = make("i");
+      const value = make("output");
+      const column = make("div", "column", value, make("div", "shaft", fill), make("span", "", name));
+      groups.push(column);
+      return { column, fill, value };
+    });
+    byId("tensions").replaceChildren(...groups);
+    setText(byId("tension-limit"), `N, limit ${figure(facts.max_tension_N)} N`);
+    byId("tensions").closest("section").hidden = facts.tendons.length === 0;
+    this.dials = [];
+  }
+
+  snapshot(state) {
+    if (!this.facts) return;
+    if (this.dials.length !== state.bends.length) this.#buildDials(state.bends);
+    state.bends.forEach((bend, i) => this.#showBend(this.dials[i], bend, i === state.section));
+    const { twist_deg: twist, feed_mm: feed } = this.facts.limits;
+    showBar("twist", state.twist_deg, twist, `${figure(state.twist_deg, 1, 6)} °`);
+    showBar("feed", state.feed_mm, feed, `${figure(state.feed_mm, 1, 6)} mm`);
+    ["x", "y", "z"].forEach((axis, i) => {
+      setText(byId(`tip-${axis}`), `${axis} ${figure(state.tip_mm[i], 1, 6)} mm`);
+    });
+    const limit = state.tension_limits?.max ?? this.facts.max_tension_N;
+    this.columns.forEach((column, i) => showTension(column, state.tensions[i], limit));
+  }
+
+  #buildDials(bends) {
+    this.dials = bends.map((bend) => {
+      const box = make("div", "dial");
+      box.innerHTML = `
+        <svg viewBox="-50 -50 100 100" role="img">
+          <circle class="limit" r="${DIAL}"/><circle class="half" r="${DIAL / 2}"/>
+          <path class="cross" d="M-${DIAL} 0H${DIAL}M0-${DIAL}V${DIAL}"/>
+          <line class="vector"/><circle class="dot" r="6"/>
+        </svg>`;
+      const value = make("output");
+      box.append(make("span", "", bend.name), value);
+      return {
+        box, value, svg: box.querySelector("svg"), line: box.querySelector("line"), dot: box.querySelector(".dot"),
+      };
+    });
+    byId("bends").replaceChildren(...this.dials.map((dial) => dial.box));
+  }
+
+  #showBend(dial, bend, chosen) {
+    const known = Number.isFinite(bend.deg) && Number.isFinite(bend.dir_deg) && bend.limit_deg > 0;
+    const share = known ? Math.min(1.1, bend.deg / bend.limit_deg) : 0;
+    const angle = known ? (bend.dir_deg * Math.PI) / 180 : 0;
+    const [x, y] = [share * DIAL * Math.cos(angle), share * DIAL * Math.sin(angle)].map((v) => v.toFixed(1));
+    dial.dot.setAttribute("cx", x);
+    dial.dot.setAttribute("cy", y);
+    dial.line.setAttribute("x2", x);
+    dial.line.setAttribute("y2", y);
+    dial.box.dataset.level = level(share);
+    dial.box.classList.toggle("chosen", chosen);
+    const text = `${figure(bend.deg, 1, 4)}° of ${figure(bend.limit_deg)}°`;
+    if (dial.value.textContent !== text) {
+      dial.value.textContent = text;
+      dial.svg.setAttribute("aria-label", `${bend.name} section bends ${text}`);
+    }
+  }
+}
+
+function showBar(id, value, range, text) {
+  const bar = byId(id);
+  const missing = !range;
+  bar.classList.toggle("missing", missing);
+  setText(byId(`${id}-value`), missing ? "fixed" : text);
+  if (missing) return;
+  const [low, high] = range;
+  const share = Number.isFinite(value) ? Math.min(1, Math.max(0, (value - low) / (high - low))) : 0;
+  const fill = bar.firstElementChild;
+  if (bar.classList.contains("centred")) {
+    const zero = Math.min(1, Math.max(0, -low / (high - low)));
+    fill.style.left = `${100 * Math.min(zero, share)}%`;
+    fill.style.width = `${100 * Math.abs(share - zero)}%`;
+  } else {
+    fill.style.width = `${100 * share}%`;
+  }
+  bar.dataset.level = share >= 0.995 || share <= 0.005 ? "at" : "";
+  bar.setAttribute("aria-label", `${id} ${text}, range ${figure(low)} to ${figure(high)}`);
+}
+
+function showTension({ column, fill, value }, tension, limit) {
+  const known = Number.isFinite(tension);
+  const share = known ? Math.min(1, Math.max(0, tension / limit)) : 0;
+  fill.style.height = `${100 * share}%`;
+  fill.style.background = known ? rampColour(share) : "";
+  column.dataset.level = level(share);
+  setText(value, figure(tension, tension < 99.95 ? 1 : 0, 4));
+}
+
+function level(share) {
+  return share >= AT ? "at" : share >= NEAR ? "near" : "";
+}
+
+function rampColour(share) {
+  const after = Math.max(1, RAMP.findIndex(([stop]) => stop >= share));
+  const [from, to] = [RAMP[after - 1], RAMP[after]];
+  const part = (share - from[0]) / (to[0] - from[0]);
+  return `rgb(${[1, 2, 3].map((i) => Math.round(from[i] + part * (to[i] - from[i]))).join(" ")})`;
+}

@@ -1,0 +1,207 @@
+// The operator's page: joins the link to the console with the controls and the instruments.
+
+import { Driving } from "./driving.js";
+import { byId, figure, make, setList, setText } from "./format.js";
+import { Instruments } from "./instruments.js";
+import { KEY_MAP, listenToKeys } from "./keyboard.js";
+import { Link } from "./link.js";
+import { PadPicture } from "./pad.js";
+import { Tables, tabs } from "./tables.js";
+import { holdButton, stick } from "./touch.js";
+import { showView } from "./view.js";
+import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
+
+const ANSWER_MS = 8000;
+const instruments = new Instruments();
+const pad = new PadPicture();
+const tables = new Tables();
+
+let facts = null;
+let state = null;
+let drawn = false;
+let answerTimer = 0;
+
+const link = new Link({
+  welcome(message) {
+    facts = message;
+    showFacts();
+    instruments.welcome(message);
+  },
+  snapshot(message) {
+    state = message;
+    if (!drawn) requestAnimationFrame(draw);
+    drawn = true;
+  },
+  connected(yes) {
+    driving.enabled = yes;
+    // What was held before the line broke must be let go and pressed anew.
+    if (!yes) driving.end();
+    draw();
+  },
+});
+
+const sticks = {};
+const driving = new Driving(
+  (reading) => link.controls(reading),
+  (reading) => {
+    sticks.left?.(reading.left);
+    sticks.right?.(reading.buttons.length ? [0, 0] : reading.right);
+    byId("hold").classList.toggle("held", reading.held);
+    document.body.classList.toggle("held", reading.held);
+    for (const [id, on] of [
+      ["twist-left", reading.buttons.length && reading.right[0] < 0], ["twist-right", reading.buttons.length && reading.right[0] > 0],
+      ["feed-in", reading.rt > 0], ["feed-out", reading.lt > 0],
+    ]) byId(id).classList.toggle("active", Boolean(on));
+  },
+);
+
+// ---------------------------------------------------------------- asking
+
+async function ask(what, value = null) {
+  const answer = await link.act(what, value);
+  const reasons = answer.reasons.join("; ");
+  showAnswer(answer.ok ? reasons : `${REQUESTS[what]} refused: ${reasons || "no reason given"}`);
+}
+
+/** STOP goes two ways at once, in case one of them is dead without knowing it. */
+function stop() {
+  ask("stop");
+  const page = link.page.replace(/\D/g, "");
+  fetch(`/stop?page=${page}`, { method: "POST", keepalive: true }).catch(() => {
+    if (!link.connected) showAnswer("STOP did not reach the console. The robot holds when its driver is lost.");
+  });
+  driving.end();
+}
+
+function showAnswer(text) {
+  clearTimeout(answerTimer);
+  setText(byId("answer"), text);
+  byId("answer").hidden = !text;
+  if (text) answerTimer = setTimeout(() => showAnswer(""), ANSWER_MS);
+}
+
+for (const what of ["arm", "disarm", "home", "clear"]) byId(what).addEventListener("click", () => ask(what));
+byId("restart-robot").addEventListener("click", () => ask("restart_robot"));
+
+// At the first touch, not at the click that may follow it.
+byId("stop").addEventListener("pointerdown", stop);
+byId("stop").addEventListener("keydown", (event) => {
+  if (event.code !== "Enter" && event.code !== "Space") return;
+  event.preventDefault();
+  event.stopPropagation(); // here the space bar stops, it does not drive
+  if (!event.repeat) stop();
+});
+
+byId("quit").addEventListener("click", () => {
+  driving.end();
+  byId("quit-dialog").showModal();
+});
+byId("quit-dialog").addEventListener("close", (event) => {
+  if (event.target.returnValue === "quit") ask("quit");
+  event.target.returnValue = "";
+  document.activeElement?.blur();
+});
+
+// ---------------------------------------------------------------- driving
+
+sticks.left = stick("stick-left", driving);
+sticks.right = stick("stick-right", driving);
+for (const id of ["hold", "twist-left", "twist-right", "feed-in", "feed-out"]) holdButton(id, driving);
+
+listenToKeys(driving, {
+  stop,
+  section: (index) => {
+    if (facts && index < facts.sections.length) ask("section", index);
+  },
+  speed: (step) => {
+    if (!facts || !state) return;
+    const index = Math.min(facts.speed_levels.length - 1, Math.max(0, state.speed + step));
+    if (index !== state.speed) ask("speed", index);
+  },
+});
+
+// A page that is not looked at does not drive.
+window.addEventListener("blur", () => driving.end());
+window.addEventListener("pagehide", () => driving.end());
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) driving.end();
+});
+
+// ---------------------------------------------------------------- showing
+
+function showFacts() {
+  document.title = `${facts.title} · cobra-teleop`;
+  setText(byId("title"), facts.title);
+  byId("title").title = facts.summary ?? "";
+  setText(byId("versions"), Object.entries(facts.versions).map(([name, version]) => `${name} ${version}`).join(" · "));
+  setText(byId("stick-right-name"), facts.sections.at(-1) ?? "tip");
+  const choice = (kind, labels) => labels.map((label, i) => {
+    const button = make("button", "", label);
+    button.type = "button";
+    button.dataset.testid = `${kind}-${i + 1}`;
+    button.addEventListener("click", () => ask(kind, i));
+    return button;
+  });
+  byId("sections").replaceChildren(...choice("section", facts.sections));
+  byId("speeds").replaceChildren(...choice("speed", facts.speed_levels.map((level) => `${figure(100 * level)} %`)));
+  byId("pad-map").replaceChildren(...mapRows(facts.pad_map));
+}
+
+function mapRows(rows) {
+  return rows.map(([control, does]) => make("div", "", make("dt", "", control), make("dd", "", does)));
+}
+
+function draw() {
+  drawn = false;
+  const phase = shownPhase(state, link.connected);
+  document.body.dataset.phase = phase;
+  setText(byId("state"), stateWord(phase));
+  setText(byId("cause"), causeOf(phase, state));
+  showNotice(phase);
+  showButtons(phase);
+  setText(byId("page-link"), link.connected ? `${figure(link.roundTrip)} ms` : "cut off");
+  if (!state || !facts) return;
+  showWho(phase);
+  for (const [id, chosen] of [["sections", state.section], ["speeds", state.speed]]) {
+    [...byId(id).children].forEach((button, i) => button.setAttribute("aria-pressed", i === chosen));
+  }
+  setText(byId("stick-left-name"), facts.sections[state.section] ?? "section");
+  instruments.snapshot(state);
+  tables.snapshot(state);
+  pad.show(state.pad, driving.reading());
+}
+
+function showWho(phase) {
+  setText(byId("driver"), state.lease.holder || "nobody");
+  const input = { "": "none", [link.page]: "this page" }[state.driver] ?? state.driver;
+  setText(byId("input"), input);
+  const age = state.link.robot ? `${figure(state.link.age_ms)} ms` : "gone";
+  setText(byId("robot-link"), phase === "offline" ? "unknown" : age);
+}
+
+function showNotice(phase) {
+  const cut = ["offline", "gone", "silent"].includes(phase);
+  byId("notice").hidden = !cut;
+  byId("restart-robot").hidden = phase !== "gone";
+  if (!cut) return;
+  setText(byId("notice-title"), stateWord(phase));
+  setText(byId("notice-text"), causeOf(phase, state));
+}
+
+function showButtons(phase) {
+  const reasons = phase in { offline: 1, gone: 1, silent: 1 } || !state ? [] : state.reasons;
+  const can = possible(phase, reasons);
+  for (const what of ["arm", "disarm", "home", "clear"]) byId(what).disabled = !can[what];
+  setText(byId("reasons-title"), reasonsTitle(phase, reasons));
+  setList(byId("reasons"), reasons);
+  setList(byId("latest"), reasons.length || !state ? [] : state.events.slice(0, 3).map((event) => [event.level, event.text]));
+  const off = !link.connected;
+  for (const button of document.querySelectorAll(".dock button")) button.disabled = off;
+  byId("quit").disabled = off;
+  document.querySelector(".dock").classList.toggle("off", off);
+  setText(byId("hold-word"), driving.held ? (phase === "driving" ? "Driving" : "Held") : "Hold to drive");
+}
+
+tabs();
+byId("key-map").replaceChildren(...mapRows(KEY_MAP));
+showView({ stop });

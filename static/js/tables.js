@@ -1,0 +1,86 @@
+// Drives, health and events, behind the tabs.
+
+import { ago, byId, figure, make, setList, setText } from "./format.js";
+
+const HOT = 0.5; // refresh period [s] of what people read rather than watch
+
+/** The tabs: click, or arrow keys as in every tab list. */
+export function tabs() {
+  const all = [...document.querySelectorAll("[role=tab]")];
+  const choose = (chosen) => {
+    for (const tab of all) {
+      const yes = tab === chosen;
+      tab.setAttribute("aria-selected", yes);
+      tab.tabIndex = yes ? 0 : -1;
+      byId(tab.getAttribute("aria-controls")).hidden = !yes;
+    }
+  };
+  all.forEach((tab, i) => {
+    tab.addEventListener("click", () => choose(tab));
+    tab.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: -1, ArrowRight: 1 }[event.code];
+      if (!step || event.defaultPrevented) return;
+      const next = all[(i + step + all.length) % all.length];
+      choose(next);
+      next.focus();
+    });
+  });
+}
+
+export class Tables {
+  constructor() {
+    this.rows = [];
+    this.shownAt = -Infinity;
+  }
+
+  snapshot(state) {
+    const now = performance.now() / 1000;
+    if (now - this.shownAt < HOT) return;
+    this.shownAt = now;
+    this.#showDrives(state.drives);
+    showHealth(state);
+    setList(byId("events"), state.events.map((event) => [event.level, `${ago(event.ago)} ago · ${event.text}`]));
+    const alarms = state.events.filter((event) => event.level === "alarm" && event.ago < 60).length;
+    setText(byId("tab-events"), alarms ? `Events (${alarms})` : "Events");
+    const faults = state.drives.filter((drive) => drive.fault).length;
+    setText(byId("tab-drives"), faults ? `Drives (${faults})` : "Drives");
+  }
+
+  #showDrives(drives) {
+    if (this.rows.length !== drives.length) {
+      this.rows = drives.map(() => make("tr", "", ...Array.from({ length: 6 }, () => make("td"))));
+      byId("drives").replaceChildren(...this.rows);
+    }
+    drives.forEach((drive, i) => {
+      const unit = drive.moves === "twist" ? "N·m" : "N";
+      const cells = [
+        drive.name, `${figure(drive.load, 1, 5)} ${unit}`, `${figure(drive.temperature, 0, 2)} °C`,
+        `${figure(drive.voltage, 1, 4)} V`, `${figure(drive.age_ms, 0, 3)} ms`, drive.fault || "fine",
+      ];
+      cells.forEach((text, j) => setText(this.rows[i].children[j], text));
+      this.rows[i].classList.toggle("bad", Boolean(drive.fault));
+    });
+  }
+}
+
+function showHealth(state) {
+  const timing = state.timing;
+  const ms = (seconds) => `${figure(1000 * seconds, 2)} ms`;
+  const facts = [
+    ["Control loop", `${figure(timing.rate_Hz)} Hz${timing.realtime ? ", real-time scheduling" : ""}`],
+    ["Period, 99 % below", `${ms(timing.period_p99)}, at most ${ms(timing.period_max)}`],
+    ["Computing, 99 % below", ms(timing.compute_p99)],
+    ["Late ticks", figure(timing.late)],
+    ["States at the console", `${figure(state.console_rate)} a second`],
+  ];
+  const list = byId("timing");
+  if (list.children.length !== facts.length) {
+    list.replaceChildren(...facts.map(([name]) => make("div", "", make("dt", "", name), make("dd"))));
+  }
+  facts.forEach(([, text], i) => setText(list.children[i].lastElementChild, text));
+  const counters = [["Commands", state.drops], ["Bus", state.bus], ["Page", state.page_drops]].flatMap(
+    ([where, counts]) => Object.entries(counts ?? {}).filter(([, n]) => n > 0).map(([what, n]) => `${where}: ${what}, ${n}`),
+  );
+  setList(byId("counters"), counters.length ? counters : ["Nothing."]);
+  setText(byId("tab-health"), counters.length ? `Health (${counters.length})` : "Health");
+}

@@ -1,0 +1,24 @@
+// Put into viser's page by the front door, ahead of viser's own script.
+(() => {
+  // viser reconnects only while its document has the focus, which a frame or a wall monitor never has.
+  Document.prototype.hasFocus = function () {
+    return !this.hidden;
+  };
+  if (parent === window) return;
+
+  const tell = (what) => parent.postMessage({ viewer: what }, "*");
+  tell("here");
+
+  addEventListener("keydown", (event) => {
+    if (event.code === "Escape" && !event.repeat) tell("stop");
+  }, true);
+
+  // Turning the view leaves the keyboard with the operator's page, so that it goes on driving …
+  addEventListener("mousedown", (event) => {
+    if (event.target instanceof HTMLCanvasElement) event.preventDefault();
+  }, true);
+  // … and the panels give it back, unless somebody types in them.
+  addEventListener("pointerup", () => setTimeout(() => {
+    if (!document.activeElement?.matches("input, textarea, select, [contenteditable=true]")) tell("done");
+  }), true);
+})();

@@ -1,0 +1,131 @@
+"""A console session for the front door's tests: a robot that stands still, and remembers all that it was told."""
+
+import math
+import threading
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from app.console.inputs import Controls
+from app.console.mapping import DEAD_MAN, PAD_MAP
+from app.console.page_state import Answer, Snapshot, Welcome
+
+TENDONS = [f"{side}{section}" for section in (1, 2, 3) for side in "SENW"]
+
+
+class FakeSession:
+    """Implements `PageSession`. `seen` wakes up whoever waits for something to arrive."""
+
+    def __init__(self) -> None:
+        self.seen = threading.Condition()
+        self.received: list[tuple[str, int, Controls]] = []
+        self.acts: list[tuple[str, str, int | None]] = []
+        self.ended: list[str] = []
+        self.changes: dict[str, Any] = {}
+        self.answer: Callable[[str, int | None], Answer | Awaitable[Answer]] = lambda what, value: Answer(
+            ok=True, reasons=[]
+        )
+
+    # ------------------------------------------------------------------ what the front door calls
+
+    def welcome(self) -> Welcome:
+        return {
+            "robot": "cobra",
+            "title": "COBRA",
+            "summary": "Three bending sections, twist and feed.",
+            "sections": ["base", "middle", "tip"],
+            "limits": {"twist_deg": (-180.0, 180.0), "feed_mm": (0.0, 1000.0)},
+            "speed_levels": [0.25, 0.5, 1.0],
+            "tendons": TENDONS,
+            "max_tension_N": 60.0,
+            "pad_map": list(PAD_MAP),
+            "versions": {"cobra-teleop": "0.1.0"},
+        }
+
+    def snapshot(self) -> Snapshot:
+        snapshot: Any = {
+            "phase": "ready",
+            "cause": "",
+            "reasons": [],
+            "homed": True,
+            "link": {"ok": True, "robot": True, "age_ms": 6.2},
+            "lease": {"holder": "console", "since_s": 12.0, "fresh": True},
+            "driver": "",
+            "pad": {
+                "name": "",
+                "connected": False,
+                "controls": {"left": (0.0, 0.0), "right": (0.0, 0.0), "lt": 0.0, "rt": 0.0, "buttons": []},
+            },
+            "mode": "section",
+            "section": 0,
+            "speed": 1,
+            "bends": [
+                {"name": name, "deg": deg, "dir_deg": direction, "limit_deg": 90.0}
+                for name, deg, direction in (("base", 22.5, -60.0), ("middle", 78.0, 20.0), ("tip", 89.9, 160.0))
+            ],
+            "twist_deg": -31.0,
+            "feed_mm": 300.0,
+            "tip_mm": [41.2, -18.7, 262.4],
+            "tensions": [2.0 + 28.0 * (1 + math.sin(i)) for i in range(12)],
+            "tension_limits": {"min": 0.5, "max": 60.0},
+            "drives": [
+                {
+                    "name": name,
+                    "moves": "tendon" if name in TENDONS else name,
+                    "temperature": 31.0,
+                    "voltage": 24.1,
+                    "load": 2.0,
+                    "age_ms": 4.0,
+                    "fault": "",
+                }
+                for name in (*TENDONS, "twist", "feed")
+            ],
+            "drops": {},
+            "bus": {},
+            "timing": {
+                "rate_Hz": 100.0,
+                "period_p50": 0.01,
+                "period_p99": 0.0104,
+                "period_max": 0.012,
+                "compute_p99": 0.0011,
+                "late": 0,
+                "realtime": True,
+            },
+            "events": [{"level": "info", "text": "homed", "ago": 12.0}],
+            "console_rate": 50.0,
+        }
+        return {**snapshot, **self.changes}
+
+    def controls(self, page: str, sequence: int, controls: Controls) -> None:
+        with self.seen:
+            self.received.append((page, sequence, controls))
+            self.seen.notify_all()
+
+    def gone(self, page: str) -> None:
+        with self.seen:
+            self.ended.append(page)
+            self.seen.notify_all()
+
+    def act(self, page: str, what: str, value: int | None) -> Answer | Awaitable[Answer]:
+        with self.seen:
+            self.acts.append((page, what, value))
+            self.seen.notify_all()
+        return self.answer(what, value)
+
+    # ------------------------------------------------------------------ what the tests ask
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+        """Until the condition holds; it is looked at whenever something arrives."""
+        with self.seen:
+            assert self.seen.wait_for(condition, timeout_s), f"did not happen within {timeout_s} s"
+
+    @property
+    def newest(self) -> Controls:
+        return self.received[-1][2] if self.received else Controls()
+
+    @property
+    def held(self) -> bool:
+        return DEAD_MAN in self.newest.buttons
+
+    @property
+    def requests(self) -> list[str]:
+        return [what for _, what, _ in self.acts]
