@@ -6,7 +6,7 @@ import msgspec
 
 from cobra.description import RobotDescription
 from cobra.loading import assumed_numbers
-from cobra.motors.bus_load import expected_load
+from cobra.motors.bus_load import channel_load
 
 
 def explain(description: RobotDescription) -> Iterator[str]:
@@ -40,7 +40,7 @@ def explain(description: RobotDescription) -> Iterator[str]:
         protocols = sorted({d.motor_of(drive).protocol for drive in drives})
         yield (
             f"Bus {bus.name}: {bus.interface} {bus.channel}, {bus.bitrate // 1000} kbit/s, {len(drives)} drives "
-            f"({', '.join(protocols)}), {expected_load(d, bus.name):.0%} busy at {d.teleop.loop_rate_Hz:.0f} Hz."
+            f"({', '.join(protocols)}), {channel_load(d, bus).load:.0%} busy at {d.teleop.loop_rate_Hz:.0f} Hz."
         )
     assumed = assumed_numbers(d)
     count = sum(1 for _ in msgspec.to_builtins(d.provenance.given))

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from cobra.loading import DescriptionError
+from cobra.errors import OperatorError
 
 TwinKind = Literal["default", "ideal", "none"]
 RobotName = Annotated[str, tyro.conf.arg(help="Name of a robot that comes with the program, or path of a description.")]
@@ -155,21 +155,9 @@ def _run(arguments: list[str]) -> int:
         return tyro.cli(command.body, prog=f"cobra-teleop {arguments[0]}", description=description, args=arguments[1:])
     except KeyboardInterrupt:
         return 130
-    except Exception as error:
-        if not isinstance(error, _expected()):
-            raise
+    except OperatorError as error:
         print(f"cobra-teleop: {error}", file=sys.stderr)
         return 2
-
-
-def _expected() -> tuple[type[Exception], ...]:
-    """Errors whose message is for the user."""
-    from app.console.robot_keeper import RobotStartError
-    from app.link import LinkError
-    from app.runtime import BusyError
-    from cobra.motors.bus import BusError
-
-    return DescriptionError, BusError, BusyError, LinkError, RobotStartError
 
 
 def _known(arguments: list[str]) -> list[str]:

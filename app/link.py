@@ -20,12 +20,13 @@ from collections.abc import Callable
 import msgspec
 import zenoh
 
+from cobra.errors import OperatorError
 from cobra.messages import Command, Event, Meta, Reply, Request, RobotState, Stop, decode, encode
 
 REQUEST_TIMEOUT_S = 2.0
 
 
-class LinkError(RuntimeError):
+class LinkError(OperatorError):
     """The link could not be opened, or nobody answered. The message says what was tried."""
 
 

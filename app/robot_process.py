@@ -50,14 +50,14 @@ def run_robot(
     Raises:
         DescriptionError, LinkError, BusError: with one clear line.
     """
-    description = _with_twin(load_description(robot), twin)
+    description = _with_twin(robot, twin)
     endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
     clock = SystemClock()
     link = RobotLink(description.name, endpoint, _meta(robot))
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
-    with open_bus(description, clock, can_log=can_log) as bus:
+    with open_bus(description, clock, can_log) as bus:
         loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event)
         link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request)
         runtime.register("robot", description.name, endpoint)
@@ -112,13 +112,14 @@ def _truth_publisher(description: RobotDescription, link: RobotLink) -> Callable
     return publish
 
 
-def _with_twin(description: RobotDescription, twin: str) -> RobotDescription:
-    """The description with the wanted kind of twin behind its simulated buses."""
+def _with_twin(robot: str, twin: str) -> RobotDescription:
+    """The description, with its simulated buses led to this robot's own world and the wanted kind of twin."""
+    description = load_description(robot)
 
     def chosen(bus: Bus) -> Bus:
         if bus.interface != "cobra-sim":
             return bus
-        return msgspec.structs.replace(bus, options={"twin": twin, **bus.options})
+        return msgspec.structs.replace(bus, channel=f"{robot}#{bus.name}", options={"twin": twin, **bus.options})
 
     return msgspec.structs.replace(description, buses=tuple(chosen(bus) for bus in description.buses))
 

@@ -9,8 +9,10 @@ from pathlib import Path
 import msgspec
 import psutil
 
+from cobra.errors import OperatorError
 
-class BusyError(RuntimeError):
+
+class BusyError(OperatorError):
     """Something that only one may have is taken. The message says who has it and what to do."""
 
 

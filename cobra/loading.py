@@ -10,10 +10,11 @@ from typing import Any
 
 import msgspec
 
+from cobra.errors import OperatorError
 from cobra.description import Drive, Range, RobotDescription
 
 
-class DescriptionError(ValueError):
+class DescriptionError(OperatorError):
     """A description that cannot be used. The message names file, key, value and what is allowed."""
 
 

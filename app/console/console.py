@@ -83,7 +83,16 @@ class Console:
         viewer = Viewer(description, robot.latest, options.frame_rate_Hz)
         viewer.start()
         meta = robot.start()
-        session = ConsoleSession(description, robot, pilot, driver, pad, meta.versions, self.quit, clock)
+        session = ConsoleSession(
+            description=description,
+            robot=robot,
+            pilot=pilot,
+            driver=driver,
+            pad=pad,
+            versions=meta.versions,
+            quit_console=self.quit,
+            clock=clock,
+        )
         door = FrontDoor(HOST, port, viewer.port, session)
         door.start()
         runtime.register("console", description.name, door.url)

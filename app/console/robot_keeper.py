@@ -10,12 +10,13 @@ from pathlib import Path
 import psutil
 
 from app import runtime
+from cobra.errors import OperatorError
 
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 3.0
 
 
-class RobotStartError(RuntimeError):
+class RobotStartError(OperatorError):
     """The robot process did not come up. The message is its own."""
 
 

@@ -30,6 +30,7 @@ class ConsoleSession:
 
     def __init__(
         self,
+        *,
         description: RobotDescription,
         robot: RobotConnection,
         pilot: Pilot,

@@ -213,7 +213,7 @@ class RobotLoop:
         self._exchange(None)
         self._start_from_measured(self._feedback)
         if not self.supervisor.homed:
-            self._homing = Homing(self.description)
+            self._homing = Homing(self.description, self._tendons.bending)
         self.supervisor.armed()
         return Reply(ok=True, epoch=self.authority.epoch)
 
@@ -222,7 +222,7 @@ class RobotLoop:
             return Reply(ok=False, reasons=("arm it first; homing needs the drives on and standing still",))
         if health.blocking:
             return Reply(ok=False, reasons=health.blocking)
-        self._homing = Homing(self.description)
+        self._homing = Homing(self.description, self._tendons.bending)
         self.supervisor.start_homing()
         return Reply(ok=True, epoch=self.authority.epoch)
 

@@ -43,6 +43,11 @@ class TendonMap:
             )
         self._inverse = np.linalg.pinv(own) if self.columns.size else np.zeros((0, len(self.matrix)))
 
+    @property
+    def bending(self) -> Floats:
+        """(tendons, tendons) projector onto the length changes that bend the robot; the rest only pretensions it."""
+        return self.matrix[:, self.columns] @ self._inverse
+
     def lengths(self, q: Floats) -> Floats:
         """Δl of each tendon from the straight robot at rest (..., tendons) [m] at q (..., size)."""
         return (q - self.rest) @ self.matrix.T

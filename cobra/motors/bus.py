@@ -25,7 +25,7 @@ class Feedback:
     """
 
     angle: Floats
-    """[rad]"""
+    """[rad]; this, velocity and current are NaN until first read."""
     velocity: Floats
     """[rad/s]"""
     current: Floats

@@ -18,12 +18,27 @@ SLACK_M = 0.002
 SLACK_SPEED_M_S = 0.02
 WIND_SPEED_M_S = 0.012
 MAX_WIND_M = 0.040
+CONTACT_FRACTION = 0.4
+"""Of the pretension: a tendon that carries this much is wound far enough."""
 CONTACT_HOLD_S = 0.03
-SETTLE_HOLD_S = 0.3
-TIMEOUT_S = 20.0
-STEP_M = 5e-5
-"""First step of the settling per tick; halved whenever the error changes its sign, so that it suits any tendon stiffness."""
-MIN_STEP_M = 1e-6
+BEND_TOLERANCE = 0.004
+"""Of the pretension: largest error of those combinations that bend the robot. They decide where straight is."""
+TOLERANCE = 0.25
+"""Of the pretension: largest error of any tendon."""
+GOOD_READINGS = 3
+"""In a row."""
+SETTLE_TIMEOUT_S = 5.0
+"""Friction may keep the fine tolerance out of reach; then the coarse one must do."""
+TIMEOUT_S = 25.0
+MAX_CORRECTION_M = 3e-4
+STROKE_M = 3e-5
+"""In settling every tendon is paid out by this much and wound in again before it is read: a gear's friction hides the
+tension by a different amount each way and at rest, so all are read after the same motion, winding in."""
+OUT_TICKS = 3
+STROKE_TICKS = 8
+FIRST_GAIN_M_N = 1e-6
+GAIN_GROWTH = 1.5
+GAIN_CUT = 0.3
 
 
 class HomingError(RuntimeError):
@@ -38,25 +53,44 @@ class _Stage(Enum):
 
 
 @dataclass(slots=True)
-class _Tendons:
-    start: Floats
-    target: Floats
-    contact_s: Floats
-    step: Floats
-    last_sign: Floats
-    settled_s: float = 0.0
+class _Mode:
+    """Tension control of a family of tendon combinations that share a stiffness: the gain finds it by itself."""
+
+    projector: Floats
+    gain: float = FIRST_GAIN_M_N
+    last: Floats | None = None
+
+    def step(self, error: Floats) -> Floats:
+        """How much more to wind each tendon in [m] for tensions that are too low by `error` [N]."""
+        part = self.projector @ error
+        if self.last is not None:
+            self.gain *= GAIN_CUT if float(part @ self.last) < 0.0 else GAIN_GROWTH
+        self.last = part
+        return np.clip(self.gain * part, -MAX_CORRECTION_M, MAX_CORRECTION_M)
 
 
 class Homing:
-    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are."""
+    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are.
 
-    def __init__(self, description: RobotDescription) -> None:
+    Args:
+        description: the robot.
+        bending: (tendons, tendons) projector onto those length changes that bend the robot; the others only pretension
+            it. The two differ in stiffness by orders of magnitude, so each is settled with a gain of its own.
+    """
+
+    def __init__(self, description: RobotDescription, bending: Floats) -> None:
+        n = len(description.tendon_names)
         self._tendon = description.tendon
         self._names = description.tendon_names
         self._index = np.array(description.tendon_drives, dtype=np.int64)
+        self._bending = _Mode(bending)
+        self._tightening = _Mode(np.eye(n) - bending)
         self._stage = _Stage.SLACK
-        self._elapsed = 0.0
-        self._state: _Tendons | None = None
+        self._elapsed = self._settling = 0.0
+        self._stroke_tick = self._good = 0
+        self._start: Floats | None = None
+        self._target = np.zeros(0)
+        self._contact = np.zeros(n)
 
     @property
     def done(self) -> bool:
@@ -68,7 +102,7 @@ class Homing:
         return self._stage.value
 
     def step(self, travel: Floats, load: Floats, dt_s: float) -> Floats:
-        """One tick: the next travel setpoint of all drives from their measured travel and load.
+        """One tick: the next travel setpoint of all drives from the present one and the measured load.
 
         Raises:
             HomingError: a tendon was wound too far without tension, or it takes too long.
@@ -76,51 +110,55 @@ class Homing:
         if self._tendon is None or not len(self._index):
             self._stage = _Stage.DONE
             return travel
-        if self._state is None:
-            start = travel.copy()
-            n = len(self._index)
-            self._state = _Tendons(start, start.copy(), np.zeros(n), np.full(n, STEP_M), np.zeros(n))
+        if self._start is None:
+            self._start, self._target = travel.copy(), travel.copy()
         self._elapsed += dt_s
         if self._elapsed > TIMEOUT_S:
             raise HomingError(f"still {self.progress} after {TIMEOUT_S:.0f} s")
         tension = load[self._index]
         if self._stage is _Stage.SLACK:
-            self._pay_out(self._state, dt_s)
+            self._pay_out(self._start, dt_s)
         elif self._stage is _Stage.WIND:
-            self._wind(self._state, tension, dt_s)
+            self._wind(self._start, tension, self._tendon.pretension_N, dt_s)
         elif self._stage is _Stage.SETTLE:
-            self._settle(self._state, tension, dt_s)
-        return self._state.target.copy()
+            self._settle(tension, self._tendon.pretension_N, dt_s)
+        return self._target.copy()
 
-    def _pay_out(self, state: _Tendons, dt_s: float) -> None:
-        goal = state.start[self._index] + SLACK_M
-        state.target[self._index] = np.minimum(state.target[self._index] + SLACK_SPEED_M_S * dt_s, goal)
-        if np.all(state.target[self._index] >= goal):
+    def _pay_out(self, start: Floats, dt_s: float) -> None:
+        goal = start[self._index] + SLACK_M
+        self._target[self._index] = np.minimum(self._target[self._index] + SLACK_SPEED_M_S * dt_s, goal)
+        if np.all(self._target[self._index] >= goal):
             self._stage = _Stage.WIND
 
-    def _wind(self, state: _Tendons, tension: Floats, dt_s: float) -> None:
-        assert self._tendon is not None
-        touching = tension >= 0.6 * self._tendon.pretension_N
-        state.contact_s = np.where(touching, state.contact_s + dt_s, 0.0)
-        state.target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
-        wound = state.start[self._index] - state.target[self._index]
+    def _wind(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
+        touching = tension >= CONTACT_FRACTION * pretension
+        self._contact = np.where(touching, self._contact + dt_s, 0.0)
+        self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
+        wound = (start - self._target)[self._index]
         if np.any(wound > MAX_WIND_M):
             name = self._names[int(np.argmax(wound))]
             raise HomingError(
-                f"tendon {name} was wound in by {MAX_WIND_M * 1e3:.0f} mm and is still slack: is it broken or off its spool?"
+                f"tendon {name} was wound in by {MAX_WIND_M * 1e3:.0f} mm and is still slack: "
+                "is it broken or off its spool?"
             )
-        if np.all(state.contact_s >= CONTACT_HOLD_S):
+        if np.all(self._contact >= CONTACT_HOLD_S):
             self._stage = _Stage.SETTLE
 
-    def _settle(self, state: _Tendons, tension: Floats, dt_s: float) -> None:
-        assert self._tendon is not None
-        error = self._tendon.pretension_N - tension
-        sign = np.sign(error)
-        crossed = sign * state.last_sign < 0
-        state.step = np.where(crossed, np.maximum(state.step / 2, MIN_STEP_M), state.step)
-        state.last_sign = np.where(sign != 0, sign, state.last_sign)
-        near = np.abs(error) <= 0.25 * self._tendon.pretension_N
-        state.target[self._index] -= np.where(near, 0.0, sign * state.step)
-        state.settled_s = state.settled_s + dt_s if bool(np.all(near)) else 0.0
-        if state.settled_s >= SETTLE_HOLD_S:
+    def _settle(self, tension: Floats, pretension: float, dt_s: float) -> None:
+        self._settling += dt_s
+        self._stroke_tick = (self._stroke_tick + 1) % STROKE_TICKS
+        if self._stroke_tick == 1:
+            self._target[self._index] += STROKE_M
+        elif self._stroke_tick == OUT_TICKS:
+            self._target[self._index] -= STROKE_M
+        elif self._stroke_tick == 0:
+            self._correct(pretension - tension, pretension)
+
+    def _correct(self, error: Floats, pretension: float) -> None:
+        bend_error = float(np.max(np.abs(self._bending.projector @ error)))
+        near = float(np.max(np.abs(error))) <= TOLERANCE * pretension
+        self._good = self._good + 1 if near and bend_error <= BEND_TOLERANCE * pretension else 0
+        if self._good >= GOOD_READINGS or (near and self._settling >= SETTLE_TIMEOUT_S):
             self._stage = _Stage.DONE
+            return
+        self._target[self._index] -= self._bending.step(error) + self._tightening.step(error)

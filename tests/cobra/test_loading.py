@@ -100,7 +100,7 @@ def test_a_missing_tendon_is_named(tmp_path):
 
 
 def test_a_file_that_is_not_there_or_not_toml_is_told(tmp_path):
-    with pytest.raises(DescriptionError, match="cannot be read.*cobra"):
+    with pytest.raises(DescriptionError, match=r"cannot be read.*cobra"):
         load_description(tmp_path / "nothing.toml")
     path = tmp_path / "robot.toml"
     path.write_text("name = = 3", "utf-8")
