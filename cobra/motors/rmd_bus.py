@@ -4,6 +4,7 @@ Angles, velocities and currents are those of the output shaft, in the drive's ow
 `direction` is part of `Drive.travel_per_rad` and is applied once, where angles become travel.
 """
 
+import contextlib
 import math
 from collections import Counter, deque
 from collections.abc import Set
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.description import Bus, Drive, Motor, RobotDescription
-from cobra.motors.bus import Feedback, Floats
+from cobra.motors.bus import BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
 from cobra.motors.multi_turn import MultiTurn
 from cobra.motors.rmd import DIALECTS, RMD_V1, RMD_V3, WATCHDOG_ALARM, Dialect, Request, decode, fault_words
@@ -105,6 +106,7 @@ class RmdBus:
         full_speed = ratio * np.array([link.motor.max_speed_rad_s for link in self._drives])
         self._turns = MultiTurn(per_turn, 0.8 * np.pi / full_speed)
         self._motion: list[tuple[int, ...]] = [(0,) * MOTION_FIELDS] * n
+        self._columns: Floats = np.zeros((n, MOTION_FIELDS))
         self._motion_time: Floats = np.full(n, np.nan)
         self._seen = np.zeros(n, dtype=bool)
         self._angle_deg: Floats = np.full(n, np.nan)
@@ -143,25 +145,42 @@ class RmdBus:
     def open(self) -> None:
         """Open the channel and find the drives; who does not answer is told by `enable`. Raises BusError."""
         self._channel.open()
-        self._channel.purge()
-        self._find()
+        try:
+            self._channel.purge()
+            self._find()
+        except BusError:
+            self._channel.close()
+            raise
 
     def close(self) -> None:
         """The drives keep what they were last told: the watchdog of those that have one is taken off."""
-        try:
-            if self._watched:
+        self._enabled = False
+        if self._watched:
+            with contextlib.suppress(BusError):  # where the channel is gone, the watchdog does its work
                 self._set_watchdogs([link for link in self._drives if link.coarse], 0)
-        finally:
-            self._watched = self._enabled = False
-            self._channel.close()
+        self._channel.close()
 
     def enable(self) -> tuple[str, ...]:
-        """Purge, probe every drive, arm the watchdogs. Returns what prevents it, in words. Raises BusError."""
+        """Purge, probe every drive, clear its errors, arm the watchdogs. Returns what prevents it, in words.
+
+        No drive is told to run (0x88): it would resume a motion from before a stop. The first setpoint is what moves it.
+
+        Raises:
+            BusError: the channel is gone.
+        """
         self._enabled = False
         self._channel.purge()
+        self._channel.noted.clear()
         for link in self._drives:
             link.lost = ""
-        reasons = [*self._find(), *self._arm_watchdogs()]
+        # The first command after a watchdog has cut the output is only echoed.
+        self._ask([link.status for link in self._drives if link.coarse])
+        reasons = self._find()
+        if clearable := [link for link in self._drives if link.errors and not link.coarse]:
+            self._channel.transact([link.request("clear_errors") for link in clearable], self.reply_timeout_s)
+            reasons = self._find()
+        if not reasons:
+            reasons = self._arm_watchdogs()
         self._enabled = not reasons
         return tuple(reasons)
 
@@ -240,32 +259,32 @@ class RmdBus:
 
     def _take(self, sent: list[Outgoing], replies: dict[int, Incoming]) -> NDArray[np.bool_]:
         """Take motion, angles and status from the replies; True for every drive whose entry of `sent` was answered."""
+        if self._channel.noted:
+            replies = self._without_alarmed(replies)
         valid = np.zeros(len(self._drives), dtype=bool)
+        # v3 differs in its last field only, whole degrees, which is not used.
         unpack = RMD_V1.entries["status_2"].reply.struct.unpack
-        unpack_v3 = RMD_V3.entries["status_2"].reply.struct.unpack
         for i, request in enumerate(sent):
             if (reply := replies.get(request.key)) is not None:
-                self._motion[i] = (unpack_v3 if self._drives[i].coarse else unpack)(reply.data)
+                self._motion[i] = unpack(reply.data)
                 self._motion_time[i] = reply.time_s
                 valid[i] = True
         self._seen |= valid
-        columns = np.array(self._motion, dtype=float)
+        columns = self._columns = np.array(self._motion, dtype=float)
         self._turns.advance(columns[:, 4], columns[:, 3], np.where(self._coarse, np.nan, self._motion_time))
         for key, reply in replies.items():
             if key in self._angle_of:
-                self._take_angle(self._angle_of[key], reply)
+                self._take_angle(self._angle_of[key], reply, valid)
             elif key in self._status_of:
                 self._take_status(self._status_of[key], reply)
-        if self._channel.noted:
-            self._take_alarms()
         return valid
 
-    def _take_angle(self, i: int, reply: Incoming) -> None:
+    def _take_angle(self, i: int, reply: Incoming, valid: NDArray[np.bool_]) -> None:
         link = self._drives[i]
         angle = decode(link.dialect, "multi_turn_angle", reply.data)["angle_deg"]
         if not link.coarse:
-            turns = self._turns.anchor(i, angle)
-            if turns:
+            # Comparable only with an encoder reading of the same moment.
+            if valid[i] and (turns := self._turns.anchor(i, angle)):
                 self._jumped(link, turns * 360.0 / link.shaft_ratio)
             return
         gap = reply.time_s - self._angle_time[i]
@@ -286,16 +305,18 @@ class RmdBus:
         self._voltage[i] = status["voltage_V"]
         link.errors = (*fault_words(link.dialect, int(status["flags"])), *_beyond_limits(link.motor, status))
 
-    def _take_alarms(self) -> None:
-        for link in self._drives:
-            if link.alarm_key in self._channel.noted:
-                self._count["watchdog alarm"] += 1
-                link.lost = "its watchdog has cut the output: enable again"
+    def _without_alarmed(self, replies: dict[int, Incoming]) -> dict[int, Incoming]:
+        """Note the alarms. Such a drive answers first with an echo, and must not be moved before it is enabled again."""
+        alarmed = {link.alarm_key >> 8: link for link in self._drives if link.alarm_key in self._channel.noted}
         self._channel.noted.clear()
+        for link in alarmed.values():
+            self._count["watchdog alarm"] += 1
+            link.lost = "its watchdog has cut the output: enable again"
+        self._enabled = False
+        return {key: reply for key, reply in replies.items() if key >> 8 not in alarmed}
 
     def _feedback(self, valid: NDArray[np.bool_]) -> Feedback:
-        columns = np.array(self._motion, dtype=float)
-        columns[~self._seen] = np.nan
+        columns = np.where(self._seen[:, None], self._columns, np.nan)
         degrees = np.where(self._coarse, self._angle_deg, self._turns.angle_deg)
         time_s = np.where(self._coarse, self._angle_time, np.where(np.isnan(degrees), -np.inf, self._motion_time))
         return Feedback(

@@ -16,10 +16,12 @@ from cobra.motors.rmd import DIALECTS, MAX_ADDRESS, REQUEST_ID, Dialect, Request
 
 CHANNEL_ERRORS: Final = (can.CanError, OSError, ValueError, ImportError, NotImplementedError)
 """What python-can's interfaces raise when a channel cannot be opened or is gone."""
-SEND_TIMEOUT_S = 0.005
+SEND_TIMEOUT_S: Final = 0.005
 """An interface may wait so long for room in its transmit queue; more than a burst takes on the wire at 1 Mbit/s."""
-MAX_STALE_FRAMES = 4096
+MAX_STALE_FRAMES: Final = 4096
 """Frames thrown away at once; a flood must not keep the loop from its work."""
+MAX_GARBLED: Final = 64
+"""Unreadable lines in a row before waiting for the next burst."""
 
 _REPLY_IDS = frozenset(d.reply_id + address for d in DIALECTS.values() for address in range(1, MAX_ADDRESS + 1))
 _ADVICE = {
@@ -181,13 +183,20 @@ class RmdChannel:
                 self._clock.sleep_until(now + 0.0002)
 
     def _receive(self, bus: can.BusABC, timeout_s: float) -> can.Message | None:
-        try:
-            message = bus.recv(timeout_s)
-        except CHANNEL_ERRORS as error:
-            raise self._gone("receiving", error) from error
-        if message is not None and self.record is not None:
-            self.record(message, True)
-        return message
+        for _ in range(MAX_GARBLED):
+            try:
+                message = bus.recv(timeout_s)
+            except (ValueError, IndexError):
+                # A serial adapter's line that is no frame.
+                self._counts["garbled frame"] += 1
+                timeout_s = 0.0
+                continue
+            except CHANNEL_ERRORS as error:
+                raise self._gone("receiving", error) from error
+            if message is not None and self.record is not None:
+                self.record(message, True)
+            return message
+        return None
 
     def _drain(self, bus: can.BusABC) -> None:
         """What arrives between bursts: late replies, alarms, noise."""
