@@ -25,7 +25,8 @@ Button = Literal[
 class Controls(msgspec.Struct, frozen=True, kw_only=True):
     """One reading of an input device in SDL's standard game controller layout, before dead zone and expo.
 
-    Sticks are −1…1 with x to the right and y down; triggers 0…1. A device that is gone reads `connected=False`.
+    Sticks are −1…1 with x to the right and y down; triggers 0…1. A device that is gone reads `connected=False`;
+    so does one that was plugged in or chosen a moment ago, until its buttons were let go: its buttons can stop, not drive.
     """
 
     left: tuple[float, float] = (0.0, 0.0)
@@ -35,7 +36,7 @@ class Controls(msgspec.Struct, frozen=True, kw_only=True):
     buttons: frozenset[Button] = frozenset()
     connected: bool = True
     stamp: float = 0.0
-    """When it was read [s, time.monotonic() of the reader]."""
+    """When it was read, changed or not [s, the console's monotonic clock]. What comes over a network is stamped on arrival."""
 
 
 class InputSource(Protocol):

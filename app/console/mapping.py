@@ -1,0 +1,163 @@
+"""From the controls of a pad to the driver's intent: dead zone, expo and the map of sticks and buttons. Pure functions."""
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+from app.console.inputs import Button, Controls
+from cobra.description import RobotDescription
+from cobra.messages import Intent, Pair
+
+Action = Literal["stop", "arm"]
+
+DEAD_MAN: Button = "left_shoulder"
+SHIFT: Button = "right_shoulder"
+
+PAD_MAP: tuple[tuple[str, str], ...] = (
+    ("LB (hold)", "drive while it is held; letting go stops"),
+    ("Left stick", "bend the chosen section; up is up in the tip view"),
+    ("Right stick", "bend the tip section"),
+    ("RB + right stick left/right", "twist; the right stick then does not bend"),
+    ("Right trigger", "feed in"),
+    ("Left trigger", "feed out"),
+    ("D-pad left/right", "choose the section: towards the base, towards the tip"),
+    ("D-pad up/down", "speed: one level up, one level down"),
+    ("B", "STOP, at any time"),
+    ("Start", "arm"),
+)
+"""What every control does, for the page, the README and --help."""
+
+OVERSHOOT = 1e-3
+"""A full stick may read this much more than 1, by rounding in a device's own scaling. Anything beyond is a fault."""
+
+
+class Profile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a device's readings are shaped. Fractions of full travel."""
+
+    stick_dead_zone: Annotated[float, Meta(ge=0, le=0.9)] = 0.12
+    """Worn sticks come to rest up to a tenth off centre."""
+    trigger_dead_zone: Annotated[float, Meta(ge=0, le=0.9)] = 0.05
+    expo: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    """0: linear. 1: cubic, fine around the centre."""
+
+
+class Selection(msgspec.Struct, frozen=True):
+    """What the driver has chosen and keeps between presses."""
+
+    section: int
+    """Index into the description's sections."""
+    level: int
+    """Index into the description's speed levels."""
+
+
+class Mapped(NamedTuple):
+    """What one reading asks for."""
+
+    intent: Intent
+    held: bool
+    """The dead-man is held, on a device that is there and reads sound values."""
+    selection: Selection
+    actions: tuple[Action, ...]
+    """Of buttons that went down since the previous reading."""
+
+
+def first_selection(description: RobotDescription) -> Selection:
+    """The base-most section that bends, at the middle speed (the lower one of two)."""
+    section = description.active_sections[0] if description.active_sections else 0
+    return Selection(section, (len(description.teleop.speed_levels) - 1) // 2)
+
+
+def rescale(travel: float, dead_zone: float) -> float:
+    """0 inside the dead zone, then continuous to 1 at full travel and 1 beyond. `travel` ≥ 0."""
+    return min(1.0, max(0.0, travel - dead_zone) / (1.0 - dead_zone))
+
+
+def expo(travel: float, amount: float) -> float:
+    """(1 − e)·r + e·r³ for r in 0…1: gentler around the centre, the same at the end."""
+    return (1.0 - amount) * travel + amount * travel**3
+
+
+def shape_axis(value: float, dead_zone: float, amount: float) -> float:
+    """Dead zone and expo of a single axis, odd in its value."""
+    return math.copysign(expo(rescale(abs(value), dead_zone), amount), value)
+
+
+def shape_stick(stick: Pair, dead_zone: float, amount: float) -> Pair:
+    """Dead zone and expo by the stick's distance from the centre, so that its direction stays; never longer than 1."""
+    distance = math.hypot(*stick)
+    if distance <= dead_zone:
+        return (0.0, 0.0)
+    scale = expo(rescale(distance, dead_zone), amount) / distance
+    return (stick[0] * scale, stick[1] * scale)
+
+
+def fault_of(controls: Controls) -> str | None:
+    """Why these readings cannot be trusted, or None."""
+    sticks = (*controls.left, *controls.right)
+    triggers = (controls.left_trigger, controls.right_trigger)
+    if not all(math.isfinite(value) for value in (*sticks, *triggers, controls.stamp)):
+        return "not a finite number"
+    limit = 1.0 + OVERSHOOT
+    if any(abs(value) > limit for value in sticks) or any(not -OVERSHOOT <= value <= limit for value in triggers):
+        return "out of range"
+    return None
+
+
+def centred(controls: Controls, profile: Profile) -> bool:
+    """Sticks and triggers at rest, inside their dead zones."""
+    return (
+        math.hypot(*controls.left) <= profile.stick_dead_zone
+        and math.hypot(*controls.right) <= profile.stick_dead_zone
+        and max(controls.left_trigger, controls.right_trigger) <= profile.trigger_dead_zone
+    )
+
+
+def map_controls(
+    controls: Controls, previous: Controls, selection: Selection, profile: Profile, description: RobotDescription
+) -> Mapped:
+    """Turn one reading into what it asks for; buttons act once, when they go down.
+
+    Values that are not finite or out of range, and a device that is gone, ask for no motion and hold nothing.
+    """
+    pressed = controls.buttons - previous.buttons
+    chosen = _choose(pressed, selection, description)
+    actions: tuple[Action, ...] = (("stop",) if "b" in pressed else ()) + (("arm",) if "start" in pressed else ())
+    speed = description.teleop.speed_levels[chosen.level]
+    if not controls.connected or fault_of(controls):
+        return Mapped(Intent(section=chosen.section, speed=speed), False, chosen, actions)
+
+    shift = SHIFT in controls.buttons
+    left, right = _clip(controls.left), _clip(controls.right)
+    bend = (profile.stick_dead_zone, profile.expo)
+    pull = (profile.trigger_dead_zone, profile.expo)
+    feed = shape_axis(_clamp(controls.right_trigger, 0.0), *pull) - shape_axis(
+        _clamp(controls.left_trigger, 0.0), *pull
+    )
+    intent = Intent(
+        primary=shape_stick(left, *bend) if description.active_sections else (0.0, 0.0),
+        secondary=shape_stick(right, *bend) if description.active_sections and not shift else (0.0, 0.0),
+        feed=feed if description.feed else 0.0,
+        twist=shape_axis(right[0], *bend) if description.twist and shift else 0.0,
+        section=chosen.section,
+        speed=speed,
+    )
+    return Mapped(intent, DEAD_MAN in controls.buttons, chosen, actions)
+
+
+def _choose(pressed: frozenset[Button], selection: Selection, description: RobotDescription) -> Selection:
+    """One step along the sections that bend and along the speed levels; the ends do not wrap around."""
+    sections = description.active_sections or (selection.section,)
+    place = sections.index(selection.section) + ("dpad_right" in pressed) - ("dpad_left" in pressed)
+    level = selection.level + ("dpad_up" in pressed) - ("dpad_down" in pressed)
+    last_level = len(description.teleop.speed_levels) - 1
+    return Selection(sections[min(max(place, 0), len(sections) - 1)], min(max(level, 0), last_level))
+
+
+def _clip(stick: Pair) -> Pair:
+    return (_clamp(stick[0]), _clamp(stick[1]))
+
+
+def _clamp(value: float, low: float = -1.0) -> float:
+    return min(max(value, low), 1.0)

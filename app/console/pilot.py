@@ -1,0 +1,298 @@
+"""Who drives, and whether at all: the console's side of hold-to-run. The robot decides once more on its own.
+
+A source drives when its dead-man goes down with the sticks centred while nobody drives and the robot is ready. Every
+end of a drive, whatever its cause, asks the same of everybody: release, centre, press again.
+"""
+
+import threading
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from app.console.freeze import FreezeWatch
+from app.console.inputs import Controls, InputSource
+from app.console.mapping import (
+    DEAD_MAN,
+    Action,
+    Profile,
+    Selection,
+    centred,
+    fault_of,
+    first_selection,
+    map_controls,
+)
+from cobra.clock import Clock
+from cobra.description import RobotDescription
+from cobra.messages import Intent, Phase
+
+SILENCE_S = 0.2
+"""A source whose newest reading is older ends its drive."""
+ROBOT_SILENCE_S = 0.5
+"""Without word from the robot for this long nobody drives."""
+ANSWER_S = 1.0
+"""The robot must answer a press this soon, else that press is void: it may not start to move the robot later."""
+
+WHY_NOT: dict[Phase, str] = {
+    "disarmed": "the robot is disarmed: arm it first",
+    "homing": "the robot is homing: wait until it is ready",
+    "holding": "the robot holds: see the cause",
+    "stopped": "STOP is latched: clear it first",
+    "fault": "the robot has a fault: see the cause, then arm again",
+}
+
+Stage = Literal["release", "ready", "pressed", "driving"]
+"""release: must let go first. ready: may press. pressed: waits for the robot to report its last stop. driving."""
+
+
+class Wanted(NamedTuple):
+    """What the robot is to do now."""
+
+    held: bool
+    intent: Intent
+    """At rest unless held."""
+    input_stamp: float
+    """When the driving source was read [s]; 0 when nobody drives."""
+    source: str
+    """The driving source's key; empty when nobody drives."""
+
+
+class Status(NamedTuple):
+    """For people."""
+
+    driver: str
+    """Key of the source that drives, or empty."""
+    words: dict[str, str]
+    """For every source, by key: what it does, or what is missing for it to drive."""
+    last_end: str
+    """Why the last drive ended."""
+    selection: Selection
+    counts: dict[str, int]
+    """Readings that were not usable, and ends of drives, by reason."""
+
+
+@dataclass(slots=True)
+class _Source:
+    device: InputSource | None
+    """Polled where there is one; else its readings are pushed."""
+    controls: Controls
+    stage: Stage = "release"
+    pressed_s: float = 0.0
+    watch: FreezeWatch = field(default_factory=FreezeWatch)
+
+
+class Pilot:
+    """Arbiter between the pad and the pages. Safe from any thread; has none of its own."""
+
+    def __init__(self, description: RobotDescription, clock: Clock, profile: Profile | None = None) -> None:
+        self._description = description
+        self._clock = clock
+        self._profile = profile or Profile()
+        self._selection = first_selection(description)
+        self._lock = threading.Lock()
+        self._sources: dict[str, _Source] = {}
+        self._driver = ""
+        self._engaged_s = 0.0
+        self._answered = False
+        self._phase: Phase | None = None
+        self._phase_s = 0.0
+        self._actions: list[Action] = []
+        self._last_end = ""
+        self._counts: Counter[str] = Counter()
+
+    def attach(self, key: str, device: InputSource) -> None:
+        """Poll a device, such as the pad, from now on; its changes may be pushed with `update` as well."""
+        with self._lock:
+            controls = device.read()
+            self._sources[key] = _Source(device, _unseen(controls))
+            self._take(key, controls, self._clock.now())
+
+    def update(self, key: str, controls: Controls) -> None:
+        """Take a new reading of a source, such as a page; a key not seen before is a new source."""
+        with self._lock:
+            if key not in self._sources:
+                self._sources[key] = _Source(None, _unseen(controls))
+            now = self._clock.now()
+            self._take(key, controls, now)
+            self._check(now)
+
+    def detach(self, key: str) -> None:
+        """A source is gone for good."""
+        with self._lock:
+            if key in self._sources:
+                self._lose(key, "is gone")
+                del self._sources[key]
+
+    def robot_phase(self, phase: Phase) -> None:
+        """What the robot says it does; to be told with every state that arrives."""
+        with self._lock:
+            self._phase, self._phase_s = phase, self._clock.now()
+            if not self._driver:
+                return
+            if phase == "driving":
+                self._answered = True
+            elif phase != "ready":
+                self._end(f"the robot went to {phase}")
+            elif self._answered:
+                self._end("the robot stopped driving by itself")
+
+    def select(self, key: str, section: int | None = None, level: int | None = None) -> str:
+        """Choose section or speed level by index; returns why it was refused, or an empty string."""
+        with self._lock:
+            if self._driver not in ("", key):
+                return f"{self._driver} drives"
+            chosen = self._selection
+            if section is not None:
+                if section not in self._description.active_sections:
+                    return f"section {section} does not bend; those that do: {self._description.active_sections}"
+                chosen = Selection(section, chosen.level)
+            if level is not None:
+                if not 0 <= level < len(self._description.teleop.speed_levels):
+                    return f"there is no speed level {level}: 0…{len(self._description.teleop.speed_levels) - 1}"
+                chosen = Selection(chosen.section, level)
+            self._selection = chosen
+            return ""
+
+    def command(self, now: float) -> Wanted:
+        """What to send to the robot now [s, the console's clock]."""
+        with self._lock:
+            self._refresh(now)
+            source = self._sources.get(self._driver)
+            controls = source.controls if source else Controls(connected=False)
+            intent = map_controls(controls, controls, self._selection, self._profile, self._description).intent
+            return Wanted(source is not None, intent, controls.stamp, self._driver)
+
+    def take_actions(self) -> tuple[Action, ...]:
+        """What buttons asked for since the last call."""
+        with self._lock:
+            taken, self._actions = tuple(self._actions), []
+            return taken
+
+    def status(self, now: float) -> Status:
+        """Who drives, and in words what keeps everybody else from it."""
+        with self._lock:
+            self._refresh(now)
+            words = {key: self._words(key, source, now) for key, source in self._sources.items()}
+            return Status(self._driver, words, self._last_end, self._selection, dict(self._counts))
+
+    def _refresh(self, now: float) -> None:
+        for key, source in self._sources.items():
+            if source.device is not None and (controls := source.device.read()) is not source.controls:
+                self._take(key, controls, now)
+        self._check(now)
+
+    def _take(self, key: str, controls: Controls, now: float) -> None:
+        source = self._sources[key]
+        previous, source.controls = source.controls, controls
+        source.watch.look(controls)
+        mapped = map_controls(controls, previous, self._selection, self._profile, self._description)
+        if "stop" in mapped.actions:
+            self._actions = ["stop"]
+            self._end(f"STOP by {self._name(key)}")
+        if fault := fault_of(controls):
+            self._counts[f"{key}: {fault}"] += 1
+
+        silent = DEAD_MAN in previous.buttons and controls.stamp - previous.stamp > SILENCE_S
+        unfit = "fell silent" if silent else self._unfit(source, now)
+        if unfit:
+            self._lose(key, unfit)
+            return
+        if self._driver in ("", key):
+            self._selection = mapped.selection
+        at_rest = centred(controls, self._profile)
+        if "arm" in mapped.actions and not self._driver and not mapped.held and at_rest:
+            self._actions.append("arm")
+        self._step(key, source, mapped.held, at_rest, now)
+
+    def _step(self, key: str, source: _Source, held: bool, at_rest: bool, now: float) -> None:
+        """Advance a sound source by one reading."""
+        if not held:
+            if source.stage == "driving":
+                self._end(f"{self._name(key)} let go")
+            source.stage = "ready"
+        elif source.stage == "ready":
+            may_wait = not self._driver and self._phase_at(now) in ("ready", "driving")
+            source.stage = "pressed" if at_rest and may_wait else "release"
+            source.pressed_s = now
+        elif source.stage == "pressed" and not at_rest:
+            source.stage = "release"
+        self._engage(key, source, now)
+
+    def _engage(self, key: str, source: _Source, now: float) -> None:
+        if source.stage != "pressed":
+            return
+        phase = self._phase_at(now)
+        if not self._driver and phase == "ready":
+            source.stage = "driving"
+            self._driver, self._engaged_s, self._answered = key, now, False
+        elif self._driver or phase != "driving" or now - source.pressed_s > ANSWER_S:
+            # `driving` is the echo of the drive before: only for that is it worth waiting.
+            source.stage = "release"
+
+    def _check(self, now: float) -> None:
+        """What time alone changes."""
+        for key, source in self._sources.items():
+            if source.stage in ("pressed", "driving") and (unfit := self._unfit(source, now)):
+                self._lose(key, unfit)
+            self._engage(key, source, now)
+        if self._driver and self._phase_at(now) is None:
+            self._end("no word from the robot")
+        if self._driver and not self._answered and now - self._engaged_s > ANSWER_S:
+            self._end("the robot does not follow")
+
+    def _unfit(self, source: _Source, now: float) -> str:
+        """Why this source cannot drive now, or an empty string."""
+        controls = source.controls
+        if not controls.connected:
+            return "has a button held since it came: let go of it" if controls.buttons else "is not connected"
+        if fault := fault_of(controls):
+            return f"reads values that are {fault}"
+        if abs(now - controls.stamp) > SILENCE_S:
+            return "fell silent"
+        moving = source.stage == "driving" and not centred(controls, self._profile)
+        if moving and source.device is not None and source.watch.frozen():
+            return "does not change any more, as if it were frozen"
+        return ""
+
+    def _lose(self, key: str, why: str) -> None:
+        if self._driver == key:
+            self._counts[f"drive ended: {why}"] += 1
+            self._end(f"{self._name(key)} {why}")
+        self._sources[key].stage = "release"
+
+    def _end(self, why: str) -> None:
+        """Nobody drives any more; everybody lets go first."""
+        if self._driver:
+            self._last_end = why
+        self._driver = ""
+        for source in self._sources.values():
+            source.stage = "release"
+
+    def _phase_at(self, now: float) -> Phase | None:
+        return self._phase if now - self._phase_s <= ROBOT_SILENCE_S else None
+
+    def _name(self, key: str) -> str:
+        device = self._sources[key].device
+        return device.name if device is not None else key
+
+    def _words(self, key: str, source: _Source, now: float) -> str:
+        dead_man = "LB" if source.device is not None else "the hold button"
+        if key == self._driver:
+            return "drives"
+        if unfit := self._unfit(source, now):
+            return f"{self._name(key)} {unfit}"
+        if self._driver:
+            return f"{self._name(self._driver)} drives; only STOP acts from here"
+        at_rest = centred(source.controls, self._profile)
+        if DEAD_MAN in source.controls.buttons:
+            return f"let go of {dead_man}{'' if at_rest else ', centre the sticks'}, then press again"
+        if not at_rest:
+            return f"centre the sticks, then hold {dead_man}"
+        phase = self._phase_at(now)
+        if phase is None:
+            return "no word from the robot"
+        return WHY_NOT.get(phase, f"hold {dead_man} to drive")
+
+
+def _unseen(controls: Controls) -> Controls:
+    """What came before the first reading: buttons that are down already were not pressed now, STOP excepted."""
+    return Controls(buttons=controls.buttons - {"b"}, connected=False, stamp=controls.stamp)
