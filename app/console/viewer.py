@@ -1,0 +1,205 @@
+"""The 3D view as a service: a viser server on loopback, fed with the newest state at a fixed rate.
+
+It takes what is newest and skips what it missed. A state that cannot be drawn is counted, and the view goes on.
+"""
+
+import logging
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import rich
+import viser
+from viser import _messages
+
+from app.console.client_view import ClientView
+from app.console.panels import STALE_S, Panels, ViewTiming
+from app.console.plots import SAMPLE_S, History
+from app.console.scene import BadStateError, Scene
+from cobra.clock import Clock, SystemClock
+from cobra.description import RobotDescription
+from cobra.messages import RobotState
+
+log = logging.getLogger("cobra.viewer")
+HOST = "127.0.0.1"
+PANEL_PERIOD_S = 0.2
+RATE_FRAMES = 60
+"""Frames over which the frame rate is taken."""
+
+
+class Viewer:
+    """Owns the viser server, the scene, its panels, and the thread that feeds them."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        latest: Callable[[], RobotState | None],
+        rate_Hz: float = 30.0,
+        clock: Clock | None = None,
+    ) -> None:
+        """`latest` gives the newest state, or None before the first; it is called once a frame."""
+        self._description = description
+        self._latest = latest
+        self._period_s = 1.0 / rate_Hz
+        self._clock = clock or SystemClock()
+        self._quit = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._server: viser.ViserServer | None = None
+        self._clients: dict[int, ClientView] = {}
+        self._building = threading.Lock()
+        self._frames: deque[float] = deque(maxlen=RATE_FRAMES)
+        self._frame_time_s = 0.0
+        self._seen: tuple[float, int] | None = None
+        self._shown: RobotState | None = None
+        self._arrived = 0.0
+        self._next_panels = self._next_sample = 0.0
+        self.errors: Counter[str] = Counter()
+        """States and viewers that could not be served, by reason."""
+
+    @property
+    def port(self) -> int:
+        """Where viser listens on loopback.
+
+        Raises:
+            RuntimeError: it has not been started.
+        """
+        return self._running().get_port()
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames drawn lately [Hz]."""
+        frames = tuple(self._frames)
+        return (len(frames) - 1) / (frames[-1] - frames[0]) if len(frames) > 1 and frames[-1] > frames[0] else 0.0
+
+    def start(self) -> None:
+        """Open viser on a free port of loopback and draw from now on."""
+        self.open()
+        self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
+        self._thread.start()
+
+    def open(self) -> None:
+        """Open viser and build the view, without a thread: `step` draws."""
+        self._server = _private_server()
+        self._scene = Scene(self._server, self._description)
+        self._panels = Panels(self._server, self._description)
+        self._history = History(self._description)
+        self._scene.start()
+        self._panels.start()
+        self._server.on_client_connect(self._welcome)
+        self._server.on_client_disconnect(self._farewell)
+
+    def stop(self) -> None:
+        """End the thread and close viser."""
+        self._quit.set()
+        if self._thread is not None:
+            self._thread.join(timeout=1.0)
+            self._thread = None
+        if self._server is not None:
+            with _silent():
+                self._server.stop()
+            self._server = None
+
+    def step(self) -> None:
+        """Draw one frame from the newest state. Nothing that a state holds can end it."""
+        server, now = self._running(), self._clock.now()
+        state = self._latest()
+        if state is not None and (state.stamp, state.tick) != self._seen:
+            self._seen, self._arrived = (state.stamp, state.tick), now
+        drawn = state if state is not None and self._draw(state, now) else None
+        self._shown = drawn or self._shown
+        self._frames.append(now)
+        clients = list(self._clients.values())
+        for client in clients:
+            self._counted("view from the tip", client.follow)
+        if drawn is not None and now >= self._next_sample:
+            self._next_sample = now + SAMPLE_S
+            self._counted("plot", lambda: self._history.add(drawn))
+        if now >= self._next_panels:
+            self._next_panels = now + PANEL_PERIOD_S
+            self._counted("panels", lambda: self._panels.update(self._shown, self._timing(now)))
+            for client in clients:
+                self._counted("plot", client.update_plot)
+        server.flush()
+        self._frame_time_s += 0.05 * (self._clock.now() - now - self._frame_time_s)
+
+    def _draw(self, state: RobotState, now: float) -> bool:
+        """Whether the state was drawn; one that is too old is not."""
+        age = now - self._arrived
+        if age > STALE_S:
+            self._scene.show_stale(age)
+            return False
+        try:
+            with self._running().atomic():
+                self._scene.update(state)
+        except BadStateError as bad:
+            self.errors[str(bad)] += 1
+            return False
+        return True
+
+    def _counted(self, what: str, action: Callable[[], object]) -> None:
+        """A fault in one panel or one viewer ends neither the view nor the others; it is counted and logged once."""
+        try:
+            action()
+        except Exception as fault:
+            reason = f"{what}: {type(fault).__name__}"
+            if reason not in self.errors:
+                log.exception("%s could not be updated", what)
+            self.errors[reason] += 1
+
+    def _timing(self, now: float) -> ViewTiming:
+        return ViewTiming(
+            age_s=now - self._arrived if self._seen else float("inf"),
+            frame_rate_Hz=self.frame_rate,
+            frame_time_s=self._frame_time_s,
+            viewers=len(self._clients),
+            errors=dict(self.errors),
+        )
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        view = ClientView(client, self._description, self._scene, self._panels, self._history)
+
+        def build() -> None:
+            with self._building:
+                view.start()
+                self._clients[client.client_id] = view
+            if client.client_id not in self._running().get_clients():
+                self._clients.pop(client.client_id, None)  # it left while it was being built
+
+        self._counted("new viewer", build)
+
+    def _farewell(self, client: viser.ClientHandle) -> None:
+        self._clients.pop(client.client_id, None)
+
+    def _run(self) -> None:
+        deadline = self._clock.now()
+        while not self._quit.is_set():
+            self._counted("frame", self.step)
+            # A frame that took too long is not made up for.
+            deadline = max(deadline + self._period_s, self._clock.now())
+            self._clock.sleep_until(deadline)
+
+    def _running(self) -> viser.ViserServer:
+        if self._server is None:
+            raise RuntimeError("the viewer is not running; call start() first")
+        return self._server
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """viser prints its address when it starts and a line when it ends; people are to open the front door instead."""
+    console = rich.get_console()
+    quiet, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = quiet
+
+
+def _private_server() -> viser.ViserServer:
+    """A server on a free port of loopback that opens no public tunnel, whoever asks for one."""
+    with _silent():
+        server = viser.ViserServer(host=HOST, port=0, verbose=False)
+    for request in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(request)
+    return server
