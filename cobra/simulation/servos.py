@@ -18,6 +18,8 @@ Mode = Literal["off", "position", "speed", "torque"]
 
 POSITION_GAIN: Final = 100.0
 """Of the drive's own position loop [1/s]: it follows a ramp 10 ms late."""
+BRAKING: Final = 0.85
+"""Part of the acceleration that is planned for braking, so that a step's delay does not carry it past the target."""
 RELEASE: Final = 0.2
 """Part of its torque by which an overpowered drive is pushed back at full speed."""
 AMBIENT_C: Final = 25.0
@@ -120,7 +122,8 @@ class Servos:
 
 def _approach(error: Floats, acceleration: Floats) -> Floats:
     """Velocity towards a target: proportional near it, else as fast as can still be braked."""
-    near = acceleration / POSITION_GAIN**2
+    braking = BRAKING * acceleration
+    near = braking / POSITION_GAIN**2
     distance = np.abs(error)
-    far_speed = np.sqrt(2.0 * acceleration * np.maximum(distance - near / 2.0, 0.0))
+    far_speed = np.sqrt(2.0 * braking * np.maximum(distance - near / 2.0, 0.0))
     return np.sign(error) * np.where(distance < near, POSITION_GAIN * distance, far_speed)
