@@ -143,6 +143,8 @@ class ConsoleLink:
         """When the newest state came [s, time.monotonic()]."""
         self.received = 0
         self.malformed = 0
+        self.on_state: Callable[[RobotState], None] = lambda state: None
+        """Called with every state, on the link's own thread: it must only put it aside."""
         self.events: deque[Event] = deque(maxlen=200)
 
     def start(self) -> None:
@@ -221,6 +223,7 @@ class ConsoleLink:
             self.arrived = time.monotonic()
             self.received += 1
             self._changed.notify_all()
+        self.on_state(state)
 
     def _take_event(self, sample: zenoh.Sample) -> None:
         try:

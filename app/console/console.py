@@ -8,6 +8,7 @@ import threading
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from app import runtime
 from app.console.driver import Driver
@@ -96,7 +97,7 @@ class Console:
         door = FrontDoor(HOST, port, viewer.port, session)
         door.start()
         runtime.register("console", description.name, door.url)
-        parts = [door, session, driver, *([pad] if pad else []), viewer]
+        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer]
         try:
             driver.start()
             if pad:
@@ -109,6 +110,10 @@ class Console:
         finally:
             for part in parts:
                 part.stop()
+
+
+class _Part(Protocol):
+    def stop(self) -> None: ...
 
 
 def _refuse_a_second(robot: str) -> None:

@@ -29,6 +29,7 @@ class Driver:
         self._done = threading.Event()
         self._lock = threading.Lock()
         self._lease = ""
+        self._leased_on: ConsoleLink | None = None
         self._epoch = 0
         self._sequence = 0
         self._next_try = 0.0
@@ -62,6 +63,7 @@ class Driver:
         if link is None:
             return Reply(ok=False, reasons=("the robot process is gone: restart it",))
         with self._lock:
+            self._forget_lost_lease(link)
             refused = None if self._lease else self._acquire(link)
             lease = self._lease
         if refused is not None:
@@ -91,9 +93,7 @@ class Driver:
             return
         self._pilot.robot_phase(state.phase)
         with self._lock:
-            if self._lease and state.epoch > self._epoch:
-                # A stop or somebody else ended our lease.
-                self._lease = ""
+            self._forget_lost_lease(link)
             if not self._lease:
                 # After a STOP only clearing it takes the controls again.
                 if state.phase != "stopped" and not state.lease.fresh and self._clock.now() >= self._next_try:
@@ -115,10 +115,17 @@ class Driver:
             )
         )
 
+    def _forget_lost_lease(self, link: ConsoleLink) -> None:
+        """A stop or somebody else ended our lease, or the robot process that gave it is gone."""
+        epoch = link.latest.epoch if link.latest else 0
+        if link is not self._leased_on or epoch > self._epoch:
+            self._lease = ""
+
     def _acquire(self, link: ConsoleLink) -> Reply | None:
         """Take the lease if it is free; returns the refusal, or None when we have it."""
         reply = link.request(Request(what="acquire", who=self._who))
         if not reply.ok:
             return reply
         self._lease, self._epoch, self._sequence = reply.lease, reply.epoch, 0
+        self._leased_on = link
         return None

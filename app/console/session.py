@@ -5,7 +5,7 @@ import math
 import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.messages import Drives, Reply, Request, RobotState
 
 SHOWN_EVENTS = 8
+STALE_S = 0.5
 
 
 class ConsoleSession:
@@ -78,31 +79,30 @@ class ConsoleSession:
         state, age = self._robot.latest(), self._robot.age()
         pilot = self._pilot.status(self._clock.now())
         present = self._robot.present
-        return Snapshot(
-            phase=state.phase if state and present else "fault",
-            cause=_cause(state, present),
-            hints=pilot.words,
-            reasons=[*state.reasons] if state else [],
-            homed=bool(state and state.homed),
-            link={"ok": present and age < 0.5, "robot": present, "age_ms": _number(age * 1e3)},
-            lease={
+        facts: dict[str, Any] = {
+            "phase": state.phase if state and present else "fault",
+            "cause": _cause(state, present),
+            "reasons": [*state.reasons] if state else [],
+            "hints": pilot.words,
+            "homed": bool(state and state.homed),
+            "link": {"ok": present and age < STALE_S, "robot": present, "age_ms": _number(age * 1e3)},
+            "lease": {
                 "holder": state.lease.holder if state else "",
                 "since_s": _number(state.stamp - state.lease.since) if state and state.lease.holder else None,
                 "fresh": bool(state and state.lease.fresh),
             },
-            driver=pilot.driver,
-            pad=self._pad_state(),
-            mode=state.mode if state else "section",
-            section=pilot.selection.section,
-            speed=pilot.selection.level,
-            **self._shape(state),
-            **self._drives(state.drives if state else None),
-            drops=state.drops if state else {},
-            bus=state.bus if state else {},
-            timing={name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
-            events=self._events(state),
-            console_rate=self._robot.rate(),
-        )
+            "driver": pilot.driver,
+            "pad": self._pad_state(),
+            "mode": state.mode if state else "section",
+            "section": pilot.selection.section,
+            "speed": pilot.selection.level,
+            "drops": {**(state.drops if state else {}), **pilot.counts, **self._driver.errors},
+            "bus": state.bus if state else {},
+            "timing": {name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
+            "events": self._events(state),
+            "console_rate": self._robot.rate(),
+        }
+        return cast(Snapshot, facts | self._shape(state) | self._drives(state.drives if state else None))
 
     def controls(self, page: str, sequence: int, controls: Controls) -> None:
         self._pilot.update(page, controls)

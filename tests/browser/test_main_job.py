@@ -1,0 +1,105 @@
+"""The main job, end to end: a person in a browser arms COBRA and bends it; the twin's own tip is the witness."""
+
+import numpy as np
+import pytest
+
+from cobra.kinematics.backbone import Backbone
+from cobra.loading import load_description
+from tests.stack import Stack, running
+
+COBRA = load_description("cobra")
+
+
+def arm(tab, stack: Stack) -> None:
+    tab.goto(stack.url)
+    tab.get_by_test_id("arm").click()
+    stack.observer.wait("ready", lambda state: state.phase == "ready", 60.0)
+
+
+def push(tab, test_id: str, x: float, y: float, stack: Stack, until) -> None:
+    """Hold the page's drive button with the keyboard, pull an on-screen stick, let go when `until` holds."""
+    box = tab.get_by_test_id(test_id).bounding_box()
+    centre = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.keyboard.down("Space")
+    stack.observer.wait("driving", lambda state: state.phase == "driving")
+    tab.mouse.move(*centre)
+    tab.mouse.down()
+    tab.mouse.move(centre[0] + x * box["width"] / 2, centre[1] + y * box["height"] / 2, steps=3)
+    stack.observer.wait("the bend", until, 60.0)
+    tab.keyboard.up("Space")
+    tab.mouse.up()
+    stack.observer.wait("letting go", lambda state: state.phase == "ready")
+
+
+def bend(state, section: int) -> float:
+    return float(np.hypot(*state.commanded[2 + 2 * section : 4 + 2 * section]))
+
+
+def drive_and_compare(tab, stack: Stack) -> tuple[float, float, float]:
+    """Bend two sections from the page; gives the arc of the tip, its error and the error of the encoders' estimate [m]."""
+    arm(tab, stack)
+    backbone = Backbone(COBRA)
+    model, start = backbone.tip(np.array(stack.observer.state.measured))[:3, 3], stack.observer.settled_tip()
+    push(tab, "stick-left", 1.0, 0.0, stack, lambda state: bend(state, 0) > 0.5)
+    push(tab, "stick-right", 0.0, -1.0, stack, lambda state: bend(state, 2) > 0.6)
+    end, state = stack.observer.settled_tip(), stack.observer.state
+    moved = backbone.tip(np.array(state.measured))[:3, 3] - model
+    arc = float(np.linalg.norm(moved))
+    q = np.array(state.measured)
+    assert q[2] > 0.3, "stick right bends to the right"
+    assert q[7] < -0.3, "stick up bends up, and y is down"
+    estimate = float(np.linalg.norm(np.array(state.commanded) - q))
+    assert estimate < 0.02, "the measured configuration comes from the motors and follows the commanded one"
+    return arc, float(np.linalg.norm((end - start) - moved)), estimate
+
+
+def test_the_ideal_twin_moves_to_where_the_kinematics_says(tab, tmp_path):
+    with running(tmp_path, "--twin", "ideal") as stack:
+        arc, error, _ = drive_and_compare(tab, stack)
+    print(f"ideal twin: the tip moved {1e3 * arc:.1f} mm, {1e3 * error:.2f} mm ({error / arc:.1%}) off the kinematics")
+    assert error < 0.05 * arc
+
+
+def test_the_default_twin_moves_the_same_way_with_stretch_and_gravity(tab, tmp_path):
+    with running(tmp_path) as stack:
+        arc, error, _ = drive_and_compare(tab, stack)
+    print(f"default twin: the tip moved {1e3 * arc:.1f} mm, {1e3 * error:.1f} mm ({error / arc:.0%}) off the kinematics")
+    assert error < 0.6 * arc
+
+
+def test_letting_go_stops_within_two_ticks_and_the_ramp(tab, tmp_path):
+    with running(tmp_path) as stack:
+        arm(tab, stack)
+        states = []
+        stack.observer.link.on_state = states.append
+        push(tab, "stick-left", 1.0, 0.0, stack, lambda state: bend(state, 0) > 0.3)
+        stack.observer.wait("rest", lambda state: state.commanded == states[-2].commanded)
+        let_go = next(i for i in range(len(states) - 1, 0, -1) if states[i - 1].phase == "driving")
+        ramp = COBRA.teleop.bend_rate_deg_s / COBRA.teleop.bend_acceleration_deg_s2 * COBRA.teleop.loop_rate_Hz
+        moving = [i for i in range(1, len(states)) if states[i].commanded != states[i - 1].commanded]
+        print(f"it stood {max(moving) - let_go + 1} ticks after letting go; the ramp is {ramp:.0f}")
+        assert max(moving) - let_go + 1 <= 2 + ramp
+
+
+def test_stop_on_the_page_stops_and_latches(tab, tmp_path):
+    with running(tmp_path) as stack:
+        arm(tab, stack)
+        tab.get_by_test_id("stop").click()
+        stopped = stack.observer.wait("stopped", lambda state: state.phase == "stopped")
+        assert stopped.lease.holder == ""
+        tab.get_by_test_id("state").filter(has_text="Stopped").wait_for()
+        tab.get_by_test_id("clear").click()
+        stack.observer.wait("ready", lambda state: state.phase == "ready")
+
+
+@pytest.mark.parametrize("width", [1280])
+def test_the_scene_is_drawn_and_nothing_fails_in_the_page(tab, tmp_path, width):
+    errors = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    with running(tmp_path) as stack:
+        tab.goto(stack.url)
+        canvas = tab.frame_locator("iframe").locator('canvas[data-engine^="three.js"]')
+        canvas.wait_for()
+        assert canvas.bounding_box()["width"] > width / 4
+        tab.get_by_test_id("state").filter(has_text="Disarmed").wait_for()
+    assert errors == []
