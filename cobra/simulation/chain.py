@@ -1,35 +1,45 @@
 """A robot description as a MuJoCo model: a chain of vertebrae on elastic joints, with tendons through their holes.
 
 Every interval between two vertebrae bends in the middle of its gap by a universal joint of stiffness EI/pitch, where a
-polygon follows an arc best. The order of the joint's two axes alternates along the chain: a series of universal joints
-all alike would twist the body when it bends between its axes. A chamber that can change its length has two such joints
-at the Gauss points of its gap, and between them a slide of stiffness K and a torsion hinge of stiffness GJ/pitch (S-38).
-Other sections have one torsion hinge each, inside their middle vertebra.
+polygon follows an arc best, up to where the vertebrae meet. The order of the joint's two axes alternates along the
+chain: a series of universal joints all alike would twist the body when it bends between its axes. A chamber that can
+change its length has two such joints at the Gauss points of its gap, and between them a slide of stiffness K and a
+torsion hinge of stiffness GJ/pitch (S-38). Other sections have one torsion hinge each, inside their middle vertebra.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cobra.description import Drive, RobotDescription, Section
+from cobra.description import Drive, RobotDescription, Tendon
 from cobra.simulation.plant import Floats
 
 Kind = Literal["default", "ideal"]
+Action = Literal["bend_x", "bend_y", "torsion", "slide"]
 Indices = NDArray[np.intp]
 
 STEP_S = 0.001
 """Longest integration step."""
 STEP_DAMPING_S = 0.004
 """Damping per stiffness of every spring. With the damping implicit, half a step suffices for stability at any stiffness."""
-SETTLING_S = 0.06
+SETTLING_S = 0.1
 """Further damping per bending stiffness, so that the body settles and does not swing: friction in joints and holes."""
+ARMATURE_SHARE = 0.04
+"""What the armature of the joints adds to the inertia of the body bending evenly, ρ L³/20. A thin vertebra has so
+little inertia of its own that its stop could not hold it."""
+STOP_SOLREF = (0.004, 1.0)
+STOP_SOLIMP = (0.95, 0.99, 0.01, 0.5, 2.0)
+"""Stiff stops where the vertebrae meet: MuJoCo's time constant and damping ratio, and its impedance."""
 IDEAL_RATIO = 150.0
 """Stiffness of an ideal tendon against the bending stiffness of its section, k r₀² = ratio · EI/ℓ."""
+YIELD_RATIO = 2.5
+"""A tendon yields at this multiple of its maximum tension: no command makes forces that no drive can hold."""
 FEED_STIFFNESS_N_m = 2e5
 TWIST_STIFFNESS_Nm_rad = 500.0
 GAUSS = (0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6)
@@ -40,7 +50,7 @@ class Spring:
     """An elastic joint: what it does, in which section, and the stretch of backbone whose elasticity it carries."""
 
     name: str
-    does: Literal["bend_x", "bend_y", "torsion", "slide"]
+    does: Action
     section: int
     start_m: float
     end_m: float
@@ -125,12 +135,16 @@ class _Builder:
         self.kind = kind
         self.springs: list[Spring] = []
         self.vertebra = 0
+        self._universal_joints = 0
         self._spec = mujoco.MjSpec()
         self._spans: list[tuple[Any, float, float | None]] = []  # body, origin, centre of its vertebra
         self._holes: dict[str, list[str]] = {name: [] for name in description.tendon_names}
-        self._section_starts = np.cumsum([0.0, *(s.length_m for s in description.sections)])
+        self._section_starts = [0.0, *accumulate(s.length_m for s in description.sections)]
+        joints = sum(s.vertebrae * (2 if s.elongation else 1) for s in description.sections)
+        inertia = description.backbone.mass_per_length_kg_m * description.active_length_m**3 / 20
+        self._armature = ARMATURE_SHARE * joints * inertia
         self._path_ends = {
-            name: float(self._section_starts[i + 1])
+            name: self._section_starts[i + 1]
             for name, i in zip(description.tendon_names, description.tendon_section, strict=True)
         }
 
@@ -148,16 +162,18 @@ class _Builder:
 
     def tendon_stiffness(self, name: str) -> float:
         """k of a tendon [N/m]: EA over conduit and path, or stiff against the backbone for the ideal twin."""
-        tendon, section = self._tendon_of(name)
-        routing = section.routing
-        assert routing is not None
-        if self.kind == "ideal":
-            return IDEAL_RATIO * section.bending_stiffness_Nm2 / section.length_m / routing.radius_m**2
-        return tendon.axial_stiffness_N / (tendon.conduit_length_m + self._path_ends[name])
+        d = self.description
+        section = d.sections[d.tendon_section[d.tendon_names.index(name)]]
+        if self.kind == "ideal" and section.routing:
+            return IDEAL_RATIO * section.bending_stiffness_Nm2 / section.length_m / section.routing.radius_m**2
+        return self._tendon.axial_stiffness_N / (self._tendon.conduit_length_m + self._path_ends[name])
 
-    def _tendon_of(self, name: str) -> tuple[Any, Section]:
-        index = self.description.tendon_names.index(name)
-        return self.description.tendon, self.description.sections[self.description.tendon_section[index]]
+    @property
+    def _tendon(self) -> Tendon:
+        tendon = self.description.tendon
+        if tendon is None:
+            raise ValueError(f"{self.description.name}: has tendons, but does not say what they are made of")
+        return tendon
 
     def _set_options(self) -> None:
         option = self._spec.option
@@ -167,6 +183,7 @@ class _Builder:
         # A bad state must be seen and mended by the twin, not silently replaced by the initial one.
         option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_CONTACT
         self._spec.compiler.autolimits = False
+        self._spec.compiler.degree = False
 
     def _add_base(self) -> None:
         d = self.description
@@ -185,14 +202,14 @@ class _Builder:
         torsion = section.torsional_stiffness_Nm2
         if section.elongation:
             middle = (interval.start_m + interval.end_m) / 2
-            self._add_bend(interval, GAUSS[0], interval.start_m, middle)
+            self._add_bend(interval, GAUSS[0], (interval.start_m, middle))
             self._add_body(interval.along_gap(0.5))
-            span = (interval.section, interval.start_m, interval.end_m)
-            self._add_spring("slide", *span, section.elongation.stiffness_N_m)
-            self._add_spring("torsion", *span, torsion / pitch)
-            self._add_bend(interval, GAUSS[1], middle, interval.end_m)
+            stretch = (interval.start_m, interval.end_m)
+            self._add_spring("slide", interval.section, stretch, section.elongation.stiffness_N_m)
+            self._add_spring("torsion", interval.section, stretch, torsion / pitch)
+            self._add_bend(interval, GAUSS[1], (middle, interval.end_m))
         else:
-            self._add_bend(interval, 0.5, interval.start_m, interval.end_m)
+            self._add_bend(interval, 0.5, (interval.start_m, interval.end_m))
         self.vertebra += 1
         centre = interval.end_m
         self._spans[-1] = (self._body, self._origin, centre)
@@ -200,37 +217,54 @@ class _Builder:
         self._add_holes(centre - half)
         if not section.elongation and self._is_middle(interval):
             self._add_body(centre, centre)
-            start, end = self._section_starts[interval.section : interval.section + 2]
-            self._add_spring("torsion", interval.section, float(start), float(end), torsion / section.length_m)
+            whole = self._section_stretch(interval.section)
+            self._add_spring("torsion", interval.section, whole, torsion / section.length_m)
         self._body.add_site(name=f"vertebra {self.vertebra}", pos=self._at(centre))
         self._add_holes(centre + half)
 
-    def _is_middle(self, interval: _Interval) -> bool:
-        start, end = self._section_starts[interval.section : interval.section + 2]
-        return bool(interval.start_m < (start + end) / 2 - 1e-9 <= interval.end_m)
+    def _section_stretch(self, section: int) -> tuple[float, float]:
+        return self._section_starts[section], self._section_starts[section + 1]
 
-    def _add_bend(self, interval: _Interval, fraction: float, start_m: float, end_m: float) -> None:
+    def _is_middle(self, interval: _Interval) -> bool:
+        start, end = self._section_stretch(interval.section)
+        return interval.start_m < (start + end) / 2 - 1e-9 <= interval.end_m
+
+    def _add_bend(self, interval: _Interval, fraction: float, stretch: tuple[float, float]) -> None:
         self._add_body(interval.along_gap(fraction))
-        stiffness = self.description.sections[interval.section].bending_stiffness_Nm2 / (end_m - start_m)
-        axes: tuple[Literal["bend_x", "bend_y"], ...] = ("bend_x", "bend_y")
-        for axis in axes if len(self.springs) % 4 < 2 else axes[::-1]:
-            self._add_spring(axis, interval.section, start_m, end_m, stiffness)
+        stiffness = self.description.sections[interval.section].bending_stiffness_Nm2 / (stretch[1] - stretch[0])
+        axes: tuple[Action, Action] = ("bend_x", "bend_y")
+        for axis in axes if self._universal_joints % 2 else axes[::-1]:
+            self._add_spring(axis, interval.section, stretch, stiffness, self._stop(interval))
+        self._universal_joints += 1
+
+    def _stop(self, interval: _Interval) -> float:
+        """Where the rims of two vertebrae meet [rad]; on the diagonal of the two axes, where their holes meet."""
+        half_gap = (interval.gap[1] - interval.gap[0]) / 2
+        radii = [s.routing.radius_m for s in self.description.sections if s.routing]
+        rims = 2 * math.atan(half_gap / (self.description.backbone.diameter_m / 2))
+        return min([rims, *(math.sqrt(2) * math.atan(half_gap / radius) for radius in radii)])
 
     def _add_body(self, origin: float, vertebra: float | None = None) -> None:
         self._body = self._body.add_body(name=f"body {len(self._spans)}", pos=(0.0, 0.0, origin - self._origin))
         self._origin = origin
         self._spans.append((self._body, origin, vertebra))
 
-    def _add_spring(self, does: Any, section: int, start_m: float, end_m: float, stiffness: float) -> None:
-        slide = does == "slide"
+    def _add_spring(
+        self, does: Action, section: int, stretch: tuple[float, float], stiffness: float, stop: float | None = None
+    ) -> None:
         axis = {"bend_x": (0.0, 1.0, 0.0), "bend_y": (-1.0, 0.0, 0.0)}.get(does, (0.0, 0.0, 1.0))
-        spring = Spring(f"{does} {len(self.springs)}", does, section, start_m, end_m, stiffness)
+        spring = Spring(f"{does} {len(self.springs)}", does, section, *stretch, stiffness)
         self._body.add_joint(
             name=spring.name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if does == "slide" else mujoco.mjtJoint.mjJNT_HINGE,
             axis=axis,
             stiffness=stiffness,
             damping=stiffness * (SETTLING_S + STEP_DAMPING_S),
+            armature=self._armature if stop is not None else 0.0,
+            limited=stop is not None,
+            range=(-stop, stop) if stop is not None else (0.0, 0.0),
+            solref_limit=STOP_SOLREF,
+            solimp_limit=STOP_SOLIMP,
         )
         self.springs.append(spring)
 
@@ -274,19 +308,22 @@ class _Builder:
 
     def _add_drive(self, drive: Drive) -> None:
         """A drive sets a length, with stiffness and damping; on a tendon it can only pull."""
-        stiffness = FEED_STIFFNESS_N_m if drive.moves == "feed" else TWIST_STIFFNESS_Nm_rad
         if drive.moves == "tendon":
             stiffness = self.tendon_stiffness(str(drive.tendon))
-        pulls = drive.moves == "tendon"
-        target = {"tendon": drive.tendon, "feed": "feed", "twist": "twist"}[drive.moves]
+            target, transmission = drive.tendon, mujoco.mjtTrn.mjTRN_TENDON
+            weakest = -YIELD_RATIO * self._tendon.max_tension_N
+        else:
+            stiffness = FEED_STIFFNESS_N_m if drive.moves == "feed" else TWIST_STIFFNESS_Nm_rad
+            target, transmission = drive.moves, mujoco.mjtTrn.mjTRN_JOINT
+            weakest = -math.inf
         self._spec.add_actuator(
             name=f"drive {drive.name}",
             target=target,
-            trntype=mujoco.mjtTrn.mjTRN_TENDON if pulls else mujoco.mjtTrn.mjTRN_JOINT,
+            trntype=transmission,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             gainprm=[stiffness, *[0.0] * 9],
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0, -stiffness, -stiffness * STEP_DAMPING_S, *[0.0] * 7],
-            forcelimited=pulls,
-            forcerange=(-1e9, 0.0),
+            forcelimited=drive.moves == "tendon",
+            forcerange=(weakest, 0.0),
         )

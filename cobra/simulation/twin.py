@@ -10,7 +10,10 @@ from cobra.description import RobotDescription
 from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, Chain, Kind, build_chain
 from cobra.simulation.plant import Floats, Truth
 
-HELD_FRACTION = 1e-4
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_XFRC_APPLIED
+DIVERGED_SPEED = 1e4
+"""Joint speeds [rad/s] beyond this are no motion of a robot."""
+HELD_FRACTION = 5e-4
 """Of a joint behind the port: its stretch bends as if only this fraction of it could."""
 
 
@@ -26,7 +29,6 @@ class Twin:
         self._lock = threading.Lock()
         d = description
         self._tendons = np.array(d.tendon_drives, dtype=np.intp)
-        self._tendon_ids = np.array([chain.model.tendon(name).id for name in d.tendon_names], dtype=np.intp)
         self._offset = np.zeros(len(d.drives))
         self._offset[self._tendons] = chain.tendon_rest
         springs = chain.springs
@@ -72,53 +74,65 @@ class Twin:
         """The state after the last `advance`."""
         return self._truth
 
-    def push(self, vertebra: int, force: Floats) -> None:
-        """Pull at a vertebra's centre from now on, with `force` (3,) in the frame of the port [N]; 0 is at the base."""
+    def push(self, vertebra: int, force: Floats, torque: Floats | None = None) -> None:
+        """From now on push at a vertebra's centre: `force` (3,) [N], `torque` (3,) [N·m], in the frame of the port.
+
+        `vertebra` counts as in `Truth.vertebrae`; -1 is the tip.
+        """
         with self._lock:
-            self.data.xfrc_applied[self.chain.vertebra_bodies[vertebra], :3] = force
+            wrench = self.data.xfrc_applied[self.chain.vertebra_bodies[vertebra]]
+            wrench[:3] = force
+            wrench[3:] = 0.0 if torque is None else torque
 
     def _place(self, travel: Floats) -> None:
         d, data = self.description, self.data
         if d.feed_drive is not None:
             data.joint("feed").qpos[0] = travel[d.feed_drive]
+            self._expose(float(travel[d.feed_drive]))
         if d.twist_drive is not None:
             data.joint("twist").qpos[0] = travel[d.twist_drive]
-        self._expose(travel)
         mujoco.mj_forward(self.chain.model, data)
         mujoco.mj_getState(self.chain.model, data, self._state, _STATE)
 
     def _run(self, start: Floats, end: Floats, duration_s: float) -> None:
         """Integrate; a bad state on the way ends in the last good one, at rest."""
-        model, data = self.chain.model, self.data
+        model, data, feed = self.chain.model, self.data, self.description.feed_drive
         steps = math.ceil(duration_s / STEP_S - 1e-9)
+        step_s = duration_s / steps if steps else STEP_S
         speed = (end - start) / duration_s if steps else np.zeros_like(start)
-        if steps:
-            model.opt.timestep = duration_s / steps
-        for k in range(1, steps + 1):
-            travel = start + (end - start) * (k / steps)
-            data.ctrl[:] = self._offset + travel + STEP_DAMPING_S * speed
+        model.opt.timestep = step_s
+        good = True
+        for k in range(steps):
+            # The force of a step belongs to its start; its damping is against the drive's own speed.
+            data.ctrl[:] = self._offset + start + (k * step_s + STEP_DAMPING_S) * speed
             mujoco.mj_step2(model, data)
-            self._expose(travel)
+            good = bool(data.qvel @ data.qvel < DIVERGED_SPEED**2)  # False for NaN too
+            if not good:
+                break
+            if feed is not None:
+                self._expose(float(start[feed] + (k + 1) * step_s * speed[feed]))
             mujoco.mj_step1(model, data)
-        if _bad(data):
-            self.recoveries += 1
-            mujoco.mj_setState(model, data, self._state, _STATE)
-            data.qvel[:] = 0.0
-            data.qacc_warmstart[:] = 0.0
-            for warning in data.warning:
-                warning.number = 0
-            mujoco.mj_forward(model, data)
-        else:
+        if good:
             mujoco.mj_getState(model, data, self._state, _STATE)
+        else:
+            self._recover()
         self._loads = self._drive_loads(end, speed)
 
-    def _expose(self, travel: Floats) -> None:
+    def _recover(self) -> None:
+        self.recoveries += 1
+        time_s = self.data.time
+        mujoco.mj_resetData(self.chain.model, self.data)
+        mujoco.mj_setState(self.chain.model, self.data, self._state, _STATE)
+        self.data.time = time_s
+        self.data.qvel[:] = 0.0
+        mujoco.mj_forward(self.chain.model, self.data)
+
+    def _expose(self, feed_m: float) -> None:
         """Stiffen what lies behind the port: a joint bends over the exposed part of its stretch only."""
-        feed = self.description.feed_drive
-        if feed is None or travel[feed] == self._feed_m:
+        if feed_m == self._feed_m:
             return
-        self._feed_m = float(travel[feed])
-        ahead = self._start + self._span + self._feed_m - self.description.active_length_m
+        self._feed_m = feed_m
+        ahead = self._start + self._span + feed_m - self.description.active_length_m
         stiffness = self._stiffness / np.clip(ahead / self._span, HELD_FRACTION, 1.0)
         model = self.chain.model
         model.jnt_stiffness[self.chain.joints] = stiffness
@@ -129,7 +143,7 @@ class Twin:
         model, data = self.chain.model, self.data
         error = self._offset + travel - data.actuator_length + STEP_DAMPING_S * (speed - data.actuator_velocity)
         force = model.actuator_gainprm[:, 0] * error
-        force[self._tendons] = np.maximum(-force[self._tendons], 0.0)
+        force[self._tendons] = np.clip(-force[self._tendons], 0.0, -model.actuator_forcerange[self._tendons, 0])
         return force
 
     def _observe(self) -> Truth:
@@ -144,13 +158,6 @@ class Twin:
             bends=np.array([[data.qpos[x].sum(), data.qpos[y].sum()] for x, y in self._bends]),
             tensions=self._loads[self._tendons],
         )
-
-
-_STATE = mujoco.mjtState.mjSTATE_PHYSICS
-
-
-def _bad(data: mujoco.MjData) -> bool:
-    return not np.isfinite(data.qvel).all() or any(warning.number for warning in data.warning)
 
 
 def build_twin(description: RobotDescription, kind: Kind = "default") -> Twin:
