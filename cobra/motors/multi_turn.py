@@ -5,11 +5,16 @@ Between two replies less than half a turn can pass as long as the gap is short; 
 from the speed, and the next 0x92 decides.
 """
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+RESTART_S: Final = 0.15
+"""A drive that was silent for longer may have been without power, and counts turns from anew."""
 
 
 class MultiTurn:
@@ -26,6 +31,8 @@ class MultiTurn:
         self._encoder: Floats = np.full(n, np.nan)
         self._speed_dps: Floats = np.zeros(n)
         self._time_s: Floats = np.full(n, -np.inf)
+        self._before_deg: Floats = np.full(n, np.nan)
+        self._silence_s: Floats = np.zeros(n)
 
     def advance(self, encoder: Floats, speed_dps: Floats, time_s: Floats) -> None:
         """Take the newest encoder readings, speeds and their times; a drive whose time did not change stays. All (n,)."""
@@ -36,6 +43,8 @@ class MultiTurn:
         expected = np.where(long, 0.5 * (speed_dps + self._speed_dps) * gap * self._counts / 360.0, 0.0)
         step = np.where(fresh & ~first, encoder - self._encoder, 0.0)
         step += np.round((expected - step) / self._counts) * self._counts
+        self._before_deg = np.where(long & ~self.doubtful, self.angle_deg, self._before_deg)
+        self._silence_s = np.maximum(self._silence_s, gap)
         self.angle_deg += step * (360.0 / self._counts)
         self.doubtful |= long
         self._encoder = np.where(fresh, encoder, self._encoder)
@@ -45,16 +54,18 @@ class MultiTurn:
     def anchor(self, i: int, angle_deg: float) -> int:
         """Compare with the multi-turn angle that drive i reports; set what was not known, correct whole turns.
 
-        Returns the turns by which a count that was not in doubt was wrong: the drive was restarted, or its encoder slipped.
+        Returns the turns by which the angle is elsewhere than it can be: off a count that was not in doubt, or, after a long
+        silence, farther than a drive goes that only finishes its last setpoint. It was restarted, or its encoder slipped.
         """
         if np.isnan(self._encoder[i]):
             return 0
+        trusted, silence = not self.doubtful[i], self._silence_s[i]
+        self.doubtful[i], self._silence_s[i] = False, 0.0
         if np.isnan(self.angle_deg[i]):
             self.angle_deg[i] = angle_deg
-            self.doubtful[i] = False
             return 0
         turns = round((angle_deg - self.angle_deg[i]) / 360.0)
         self.angle_deg[i] += 360.0 * turns
-        trusted = not self.doubtful[i]
-        self.doubtful[i] = False
-        return turns if trusted else 0
+        if trusted:
+            return turns
+        return round((self.angle_deg[i] - self._before_deg[i]) / 360.0) if silence > RESTART_S else 0

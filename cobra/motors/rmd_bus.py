@@ -19,7 +19,7 @@ from cobra.clock import Clock
 from cobra.description import Bus, Drive, Motor, RobotDescription
 from cobra.motors.bus import BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
-from cobra.motors.multi_turn import MultiTurn
+from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import DIALECTS, RMD_V1, RMD_V3, WATCHDOG_ALARM, Dialect, Request, decode, fault_words
 from cobra.motors.rmd_channel import Incoming, Outgoing, Record, RmdChannel, outgoing, reply_key
 
@@ -289,8 +289,9 @@ class RmdBus:
             return
         gap = reply.time_s - self._angle_time[i]
         jump = angle - self._angle_deg[i]
-        # Twice the distance possible at full speed, and some for the delay of the reply.
-        if abs(jump) > 2.0 * link.speed_limit_dps * gap + 10.0:
+        # Twice the distance possible at full speed and some for the delay of the reply; after a silence, what is left of
+        # the way to its last setpoint.
+        if abs(jump) > (20.0 if gap > RESTART_S else 2.0 * link.speed_limit_dps * gap + 10.0):
             self._jumped(link, jump)
         self._angle_deg[i] = angle
         self._angle_time[i] = reply.time_s

@@ -94,7 +94,7 @@ class SimulatedBus(can.BusABC):
             bitrate: accepted as from any interface; frames take no time.
 
         Raises:
-            can.CanInitializationError: no such robot, bus, twin or stepping.
+            can.CanInitializationError: no such robot, bus, twin or stepping, or the channel is another robot's.
         """
         self.channel_info = f"simulated drives of {channel}"
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
@@ -108,6 +108,8 @@ class SimulatedBus(can.BusABC):
                 plant = _make_plant(twin, description)
                 world = World(description, plant, clock or SystemClock(), _checked(stepping), seed)
                 network = _Network(world)
+            elif description is not None and description != network.world.description:
+                raise can.CanInitializationError(f"channel {channel!r} is open already, with another description")
             self._network = network
             self.world = network.world
             self.bus_name = _bus_name(self.world.description, channel, wanted)

@@ -109,14 +109,14 @@ class RmdDrive:
 
     def _planned(self, index: int = 0) -> float:
         planned = self._planning[index]
-        return math.radians(planned) / self._ratio if planned else math.inf
+        return math.radians(planned) / self._ratio if planned > 0 else math.inf
 
     def _motion(self, _: Values) -> Values:
         state = self._state
         values: Values = {
             "temperature_C": state.temperature_C,
-            "current": state.current_A / self._motor.current_per_count_A,
-            "speed_dps": math.degrees(state.velocity_rad_s) * self._ratio,
+            "current": _saturated(state.current_A / self._motor.current_per_count_A),
+            "speed_dps": _saturated(math.degrees(state.velocity_rad_s) * self._ratio),
         }
         if self._output:
             values["angle_deg"] = (self._shaft_deg() + 32768) % 65536 - 32768
@@ -207,3 +207,8 @@ class RmdDrive:
     def _watchdog(self, values: Values) -> Values:
         self._watchdog_s = values["timeout_ms"] / 1000.0
         return values
+
+
+def _saturated(counts: float) -> float:
+    """What a field of 16 bits can hold."""
+    return min(32767.0, max(-32768.0, counts))

@@ -110,9 +110,9 @@ def test_turns_passed_unseen_are_found_again_as_soon_as_replies_come_back(rig: M
     drive = r.drives[0]
     r.bus.exchange(None)
     drive.silent = True
-    for _ in range(20):
+    for _ in range(7):
         r.clock.advance(0.01)
-        drive.shaft_deg += 53.0
+        drive.shaft_deg += 153.0
         r.bus.exchange(None)
     drive.silent = False
     r.clock.advance(0.01)
@@ -136,6 +136,30 @@ def test_a_drive_that_lost_its_turn_count_is_a_fault_until_enabled_again(rig: Ma
     assert f"angle jumped by {degrees:+.1f} degrees" in feedback.faults[1]
     assert r.bus.enable() == ()
     assert r.bus.exchange(None).faults == ("", "")
+
+
+@pytest.mark.parametrize("protocol", ["rmd-v1", "rmd-v3"])
+@pytest.mark.parametrize("restarted", [True, False])
+def test_a_drive_that_was_silent_is_trusted_only_if_it_is_where_it_was(
+    rig: Make, protocol: str, restarted: bool
+) -> None:
+    """A second without replies: its power was off and it counts turns from anew, or only the cable was out."""
+    r = rig(2, protocol)
+    r.bus.enable()
+    r.bus.exchange(np.zeros(2))
+    drive = r.drives[1]
+    drive.silent = True
+    for _ in range(100):
+        r.clock.advance(0.01)
+        r.bus.exchange(None)
+    drive.silent = False
+    drive.shaft_deg += -720.0 if restarted else 15.0
+    for _ in range(4):
+        r.clock.advance(0.01)
+        feedback = r.bus.exchange(None)
+    assert ("home again" in feedback.faults[1]) == restarted
+    per_rad = PER_RAD if protocol == "rmd-v1" else math.degrees(1.0)
+    assert feedback.angle[1] * per_rad == pytest.approx(drive.shaft_deg, abs=0.05)
 
 
 def test_a_motor_that_does_not_answer_keeps_its_last_values_and_ages(rig: Make) -> None:

@@ -10,6 +10,8 @@ import can
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cobra.clock import ManualClock
 from cobra.description import RobotDescription
@@ -348,6 +350,31 @@ def test_what_is_no_request_is_neither_answered_nor_obeyed(desk: Make, frame: ca
     assert d.bus.recv(0) is None
     d.wait(0.2)
     assert d.world.states[0].angle_rad == 0.0
+
+
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.sampled_from(["rmd-v1", "rmd-v3"]),
+    st.lists(st.tuples(st.integers(0, 0x7FF) | st.integers(0x141, 0x14E), st.binary(max_size=8)), max_size=20),
+)
+def test_any_bytes_to_any_drive_leave_a_world_that_goes_on(
+    desk: Make, protocol: str, frames: list[tuple[int, bytes]]
+) -> None:
+    d = desk(
+        Springs(), described(protocol, max_speed_rad_s=100.0, max_acceleration_rad_s2=1e4), channel=f"any {protocol}"
+    )
+    for arbitration_id, data in frames:
+        d.bus.send(can.Message(arbitration_id=arbitration_id, is_extended_id=False, data=data))
+        d.clock.advance(0.004)
+        d.bus.recv(0)
+    assert np.isfinite(d.world.travel).all()
+    d.bus.shutdown()
+
+
+def test_two_robots_cannot_share_a_channel(desk: Make) -> None:
+    desk()
+    with pytest.raises(can.CanInitializationError, match="'desk' is open already, with another description"):
+        desk(description=described("rmd-v3"))
 
 
 def test_a_v3_watchdog_cuts_the_output_raises_the_alarm_and_then_echoes_once(desk: Make) -> None:
