@@ -10,8 +10,6 @@ from importlib import metadata
 from pathlib import Path
 
 import msgspec
-from cobra.motors.open_bus import open_bus
-from cobra.simulation.drives import world_of
 
 from app import runtime
 from app.link import RobotLink
@@ -20,6 +18,8 @@ from cobra.control.loop import RobotLoop
 from cobra.description import Bus, RobotDescription
 from cobra.loading import description_text, load_description
 from cobra.messages import Meta
+from cobra.motors.open_bus import open_bus
+from cobra.simulation.drives import world_of
 
 log = logging.getLogger("cobra.robot")
 

@@ -37,6 +37,8 @@ def wait_for(what: str, condition: Callable[[], Any], timeout_s: float = 30.0) -
 class Stack:
     """`cobra-teleop` as a user starts it: console and robot process, with a runtime folder of its own."""
 
+    program: tuple[str, ...] = ("-m", "app", "--no-pad")
+
     def __init__(self, folder: Path, *arguments: str, robot: str = "cobra") -> None:
         self.folder = folder
         self.robot = robot
@@ -47,10 +49,14 @@ class Stack:
         self.observer: Observer | None = None
 
     def start(self, *more: str) -> Self:
-        command = [sys.executable, "-m", "app", "--robot", self.robot, "--port", "0", "--no-open", "--no-pad"]
+        command = [sys.executable, *self.program, "--robot", self.robot, "--port", "0", "--no-open"]
         with self.output.open("ab") as output:
             self.process = subprocess.Popen(
-                [*command, *self.arguments, *more], env=self.environment, stdout=output, stderr=subprocess.STDOUT
+                [*command, *self.arguments, *more],
+                env=self.environment,
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
             )
         self.url  # noqa: B018 - waits for it
         self.observer = self.observer or Observer(self.robot, self.running("robot").endpoint)
@@ -94,6 +100,28 @@ class Stack:
                 os.kill(pid, signal.SIGKILL)
         if self.process:
             self.process.wait(10)
+
+
+class PadStack(Stack):
+    """The console beside a virtual pad: such a pad exists only in the process that reads it."""
+
+    program = (str(Path(__file__).parent / "console_with_pad.py"),)
+
+    def pad(self, **request: Any) -> float:
+        """Do something with the pad; gives the monotonic time at which it was done."""
+        assert self.process is not None
+        assert self.process.stdin is not None
+        answered = self.output.read_text().count('{"pad"')
+        self.process.stdin.write(json.dumps(request).encode() + b"\n")
+        self.process.stdin.flush()
+
+        def answer() -> str | None:
+            lines = [line for line in self.output.read_text().splitlines() if line.startswith('{"pad"')]
+            return lines[answered] if len(lines) > answered else None
+
+        told = json.loads(wait_for(f"the pad's answer to {request}", answer))
+        assert "error" not in told, told
+        return float(told["time"])
 
 
 class Observer:
@@ -181,7 +209,9 @@ class Page:
 
     def arm(self) -> None:
         """Arm and wait until it is homed and ready."""
-        wait_for("nothing in the way of arming", lambda: self.snapshot["lease"]["fresh"] and not self.snapshot["reasons"])
+        wait_for(
+            "nothing in the way of arming", lambda: self.snapshot["lease"]["fresh"] and not self.snapshot["reasons"]
+        )
         answer = self.ask("arm")
         assert answer["ok"], answer
         self.until_phase("ready")

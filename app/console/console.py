@@ -14,6 +14,7 @@ from app import runtime
 from app.console.driver import Driver
 from app.console.front_door import FrontDoor
 from app.console.gamepad import Gamepad
+from app.console.inputs import Controls
 from app.console.pilot import Pilot
 from app.console.robot_connection import RobotConnection
 from app.console.robot_keeper import RobotKeeper
@@ -25,6 +26,8 @@ from cobra.loading import load_description
 
 log = logging.getLogger("cobra.console")
 HOST = "127.0.0.1"
+PAD = "pad"
+"""Key of the pad among the pilot's sources."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +82,13 @@ class Console:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
         pilot = Pilot(description, clock)
-        driver = Driver(f"console {os.getpid()}", pilot, lambda: robot.link, clock)
-        pad = Gamepad(on_change=lambda _: driver.wake(), clock=clock) if options.pad else None
+        driver = Driver(f"console {os.getpid()}", pilot, lambda: robot.link, clock, robot.warn)
+
+        def pad_changed(controls: Controls) -> None:
+            pilot.update(PAD, controls)
+            driver.wake()
+
+        pad = Gamepad(on_change=pad_changed, clock=clock) if options.pad else None
         viewer = Viewer(description, robot.latest, options.frame_rate_Hz)
         viewer.start()
         meta = robot.start()
@@ -101,8 +109,8 @@ class Console:
         try:
             driver.start()
             if pad:
+                pilot.attach(PAD, pad)
                 pad.start()
-                pilot.attach("pad", pad)
             _say(description, door.url, note, keeper.adopted)
             if options.open_page and _has_screen():
                 webbrowser.open(door.url)

@@ -20,7 +20,16 @@ class Driver:
     `link` gives the present link, or None while there is no robot process.
     """
 
-    def __init__(self, who: str, pilot: Pilot, link: Callable[[], ConsoleLink | None], clock: Clock) -> None:
+    def __init__(
+        self,
+        who: str,
+        pilot: Pilot,
+        link: Callable[[], ConsoleLink | None],
+        clock: Clock,
+        warn: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """`warn` tells the operator, in words, of a button that could not do what it asks."""
+        self._warn = warn
         self._who = who
         self._pilot = pilot
         self._link = link
@@ -86,7 +95,7 @@ class Driver:
             if action == "stop":
                 self.halt(self._who, "pressed on the pad")
             else:
-                threading.Thread(target=self.ask, args=(Request(what=action),), daemon=True).start()
+                threading.Thread(target=self._ask_for_button, args=(Request(what=action),), daemon=True).start()
         link = self._link()
         state = link.latest if link else None
         if link is None or state is None:
@@ -114,6 +123,11 @@ class Driver:
                 input_stamp=wanted.input_stamp,
             )
         )
+
+    def _ask_for_button(self, request: Request) -> None:
+        reply = self.ask(request)
+        if not reply.ok:
+            self._warn(f"{request.what} was refused: {'; '.join(reply.reasons)}")
 
     def _forget_lost_lease(self, link: ConsoleLink) -> None:
         """A stop or somebody else ended our lease, or the robot process that gave it is gone."""

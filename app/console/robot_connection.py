@@ -62,6 +62,11 @@ class RobotConnection:
         """Seconds since the newest state arrived; inf before the first."""
         return time.monotonic() - self._link.arrived if self._link and self._link.latest else float("inf")
 
+    def warn(self, text: str) -> None:
+        """Put a warning of the console's own among the robot's events."""
+        state = self.latest()
+        self.events.append(Event(stamp=state.stamp if state else 0.0, level="warning", text=text))
+
     def rate(self) -> float:
         """States that reached us lately [Hz]; call it regularly."""
         if self._link is None:

@@ -63,7 +63,9 @@ def test_the_ideal_twin_moves_to_where_the_kinematics_says(tab, tmp_path):
 def test_the_default_twin_moves_the_same_way_with_stretch_and_gravity(tab, tmp_path):
     with running(tmp_path) as stack:
         arc, error, _ = drive_and_compare(tab, stack)
-    print(f"default twin: the tip moved {1e3 * arc:.1f} mm, {1e3 * error:.1f} mm ({error / arc:.0%}) off the kinematics")
+    print(
+        f"default twin: the tip moved {1e3 * arc:.1f} mm, {1e3 * error:.1f} mm ({error / arc:.0%}) off the kinematics"
+    )
     assert error < 0.6 * arc
 
 

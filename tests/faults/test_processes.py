@@ -43,7 +43,7 @@ def test_a_killed_console_leaves_a_robot_that_holds_and_the_next_console_adopts_
 
     stack.start()
     assert stack.running("robot").pid == pid
-    assert "adopted" in stack.output.read_text()
+    wait_for("the word of adoption", lambda: "adopted" in stack.output.read_text())
     with Page(stack.url) as page:
         page.until_phase("ready")
         assert stack.observer.state.commanded == at_rest.commanded

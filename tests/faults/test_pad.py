@@ -1,0 +1,54 @@
+"""Claims about the gamepad, on the console's own main beside SDL's virtual pad: it drives, and losing it stops."""
+
+import pytest
+
+from tests.stack import PadStack, wait_for
+
+
+@pytest.fixture
+def stack(tmp_path):
+    with PadStack(tmp_path) as stack:
+        yield stack.start()
+
+
+def arm(stack: PadStack) -> None:
+    stack.observer.wait("nothing in the way", lambda state: state.lease.fresh and not state.reasons)
+    stack.pad(button="start", value=1)
+    stack.pad(button="start", value=0)
+    stack.observer.wait("ready", lambda state: state.phase == "ready", 60.0)
+
+
+def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
+    arm(stack)
+    stack.pad(axis="leftx", value=1.0)
+    stack.pad(button="leftshoulder", value=1)
+    assert stack.observer.state.phase == "ready", "a deflected stick must be centred before the press"
+    stack.pad(button="leftshoulder", value=0)
+    stack.pad(axis="leftx", value=0.0)
+
+    stack.pad(button="leftshoulder", value=1)
+    stack.observer.wait("driving", lambda state: state.phase == "driving")
+    stack.pad(tremble=True)
+    stack.pad(axis="leftx", value=1.0)
+    stack.pad(axis="righty", value=-1.0)
+    moved = stack.observer.wait("bends", lambda state: state.commanded[2] > 0.2 and state.commanded[7] < -0.2)
+    assert moved.commanded[3] == pytest.approx(0.0, abs=0.02)
+    wait_for("the measured bend", lambda: stack.observer.state.measured[2] > 0.2)
+
+    stack.pad(detach=True)
+    lost = stack.observer.wait("the end of the drive", lambda state: state.phase != "driving")
+    assert lost.phase in ("ready", "holding")
+    stack.pad(tremble=False)
+    stack.pad(attach=True)
+    stack.pad(button="leftshoulder", value=1)
+    stack.pad(axis="righttrigger", value=1.0)
+    assert stack.observer.state.phase != "driving"
+    stack.pad(axis="righttrigger", value=0.0)
+    stack.pad(button="leftshoulder", value=0)
+
+
+def test_b_stops_even_without_the_dead_man(stack):
+    arm(stack)
+    stack.pad(button="b", value=1)
+    stopped = stack.observer.wait("stopped", lambda state: state.phase == "stopped")
+    assert "pad" in stopped.cause
