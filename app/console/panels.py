@@ -92,13 +92,13 @@ class Panels:
 
     def update(self, state: RobotState | None, timing: ViewTiming) -> None:
         """Show a state, or that there is none yet. Its lists must match the description (`Scene.update` checks)."""
-        self._status.content = status_html(state, timing.age_s)
-        self._timing.content = timing_html(state, timing, self._description.teleop.loop_rate_Hz)
-        if state is None:
-            return
-        if self._tendons is not None:
-            self._tendons.content = tendons_html(self._description, state)
-        self._motors.content = motors_html(self._description, state)
+        with self._server.atomic():
+            self._status.content = status_html(state, timing.age_s)
+            self._timing.content = timing_html(state, timing, self._description.teleop.loop_rate_Hz)
+            if state is not None and self._tendons is not None:
+                self._tendons.content = tendons_html(self._description, state)
+            if state is not None:
+                self._motors.content = motors_html(self._description, state)
 
 
 def status_html(state: RobotState | None, age_s: float) -> str:

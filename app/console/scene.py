@@ -78,18 +78,20 @@ class Scene:
         measured = self._checked("measured", state.measured)
         commanded = self._checked("commanded", state.commanded)
         tensions = self._tensions(state)
-        if measured is not None:
-            self._draw(self.body.pose(measured), state.stamp)
-        self._ghost.visible = commanded is not None
-        if commanded is not None and state.commanded != self._commanded:
-            self._ghost.vertices = self.body.tube(commanded, GHOST_SCALE)
-        self._commanded = state.commanded
-        known = state.homed and measured is not None
-        self._set_live(known, "not homed: the shape is not known")
-        if known and self._tendons is not None and self._frame % SLOW_EVERY == 0:
-            self._color_tendons(tensions)
-        if self._frame % SLOW_EVERY == 1:
-            self._draw_trail()
+        # Together, and viser's own thread is woken once.
+        with self._server.atomic():
+            if measured is not None:
+                self._draw(self.body.pose(measured), state.stamp)
+            self._ghost.visible = commanded is not None
+            if commanded is not None and state.commanded != self._commanded:
+                self._ghost.vertices = self.body.tube(commanded, GHOST_SCALE)
+            self._commanded = state.commanded
+            known = state.homed and measured is not None
+            self._set_live(known, "not homed: the shape is not known")
+            if known and self._frame % SLOW_EVERY == 0:
+                self._color_tendons(tensions)
+            if self._frame % SLOW_EVERY == 1:
+                self._draw_trail()
         self._frame += 1
 
     def show_stale(self, age_s: float) -> None:

@@ -67,6 +67,11 @@ class Viewer:
         return self._running().get_port()
 
     @property
+    def viewers(self) -> int:
+        """Clients that look at it now."""
+        return len(self._clients)
+
+    @property
     def frame_rate(self) -> float:
         """Frames drawn lately [Hz]."""
         frames = tuple(self._frames)
@@ -130,8 +135,7 @@ class Viewer:
             self._scene.show_stale(age)
             return False
         try:
-            with self._running().atomic():
-                self._scene.update(state)
+            self._scene.update(state)
         except BadStateError as bad:
             self.errors[str(bad)] += 1
             return False
@@ -152,7 +156,7 @@ class Viewer:
             age_s=now - self._arrived if self._seen else float("inf"),
             frame_rate_Hz=self.frame_rate,
             frame_time_s=self._frame_time_s,
-            viewers=len(self._clients),
+            viewers=self.viewers,
             errors=dict(self.errors),
         )
 
