@@ -5,7 +5,6 @@ Angles, velocities and currents are those of the output shaft, in the drive's ow
 """
 
 import contextlib
-import math
 from collections import Counter, deque
 from collections.abc import Set
 from itertools import cycle
@@ -16,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobra.clock import Clock
-from cobra.description import Bus, Drive, Motor, RobotDescription
+from cobra.description import Bus, RobotDescription
 from cobra.motors.bus import BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
-from cobra.motors.rmd import DIALECTS, RMD_V1, RMD_V3, WATCHDOG_ALARM, Dialect, Request, decode, fault_words
-from cobra.motors.rmd_channel import Incoming, Outgoing, Record, RmdChannel, outgoing, reply_key
+from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
+from cobra.motors.rmd_channel import Incoming, Outgoing, Record, RmdChannel
+from cobra.motors.rmd_link import RmdLink
 
 REPLY_LATENCY_S = 0.003
 """A drive may take so long to answer; 1.1 to 2 ms are seen on real ones."""
@@ -36,43 +36,6 @@ MOTION_FIELDS = 5  # command, temperature, current, speed, position
 _INT32 = 2**31 - 1
 
 
-class _DriveLink:
-    """One drive on its bus: what it speaks, and the requests that are sent again and again."""
-
-    def __init__(self, drive: Drive, motor: Motor) -> None:
-        self.name = drive.name
-        self.address = drive.address
-        self.motor = motor
-        self.dialect: Dialect = DIALECTS[motor.protocol]
-        self.coarse = self.dialect is RMD_V3
-        self.shaft_ratio = 1.0 if self.coarse else motor.gear_ratio
-        """Turns of the shaft that the dialect speaks of, for one of the output shaft."""
-        limit_dps = math.degrees(motor.max_speed_rad_s) * self.shaft_ratio
-        # 0 would mean "no limit" in v3.
-        self.speed_limit_dps = min(65535, max(1, round(limit_dps)))
-        self.setpoint = self.request("position", speed_dps=self.speed_limit_dps, angle_deg=0.0)
-        self.motion = self.request("status_2")
-        self.angle = self.request("multi_turn_angle")
-        self.status = self.request("status_1")
-        self.alarm_key = reply_key(self.dialect, drive.address, WATCHDOG_ALARM)
-        self.errors: tuple[str, ...] = ()
-        self.lost: str = ""
-        """What a drive must be enabled again for: alarms, jumps of its angle."""
-
-    def request(self, request: Request, **values: float) -> Outgoing:
-        return outgoing(self.dialect, self.address, request, **values)
-
-    @property
-    def foreign_status_key(self) -> int:
-        """Under which the other dialect's drive would answer a status request."""
-        other = RMD_V1 if self.coarse else RMD_V3
-        return reply_key(other, self.address, other.entries["status_1"].command)
-
-    @property
-    def fault(self) -> str:
-        return "; ".join((*self.errors, self.lost) if self.lost else self.errors)
-
-
 class RmdBus:
     """`MotorBus` for the RMD drives of one channel; entries are in the order of `indices`.
 
@@ -83,7 +46,7 @@ class RmdBus:
         self.indices = tuple(i for i, drive in enumerate(description.drives) if drive.bus == bus.name)
         """Position of each drive in the description."""
         drives = [description.drives[i] for i in self.indices]
-        self._drives = [_DriveLink(drive, description.motor_of(drive)) for drive in drives]
+        self._drives = [RmdLink(drive, description.motor_of(drive)) for drive in drives]
         self._where = bus.name
         self._clock = clock
         self._count: Counter[str] = Counter()
@@ -296,7 +259,7 @@ class RmdBus:
         self._angle_deg[i] = angle
         self._angle_time[i] = reply.time_s
 
-    def _jumped(self, link: _DriveLink, degrees: float) -> None:
+    def _jumped(self, link: RmdLink, degrees: float) -> None:
         self._count["angle jumped"] += 1
         link.lost = f"its angle jumped by {degrees:+.1f} degrees (power lost, or encoder slipped): home again"
 
@@ -304,7 +267,7 @@ class RmdBus:
         link = self._drives[i]
         status = decode(link.dialect, "status_1", reply.data)
         self._voltage[i] = status["voltage_V"]
-        link.errors = (*fault_words(link.dialect, int(status["flags"])), *_beyond_limits(link.motor, status))
+        link.take_status(status)
 
     def _without_alarmed(self, replies: dict[int, Incoming]) -> dict[int, Incoming]:
         """Note the alarms. Such a drive answers first with an echo, and must not be moved before it is enabled again."""
@@ -363,7 +326,7 @@ class RmdBus:
         self._take(motions, replies)
         return [reason for link in self._drives if (reason := self._prevents(link, replies.keys(), strangers))]
 
-    def _prevents(self, link: _DriveLink, answered: Set[int], strangers: Set[int]) -> str:
+    def _prevents(self, link: RmdLink, answered: Set[int], strangers: Set[int]) -> str:
         who = f"drive {link.name!r} (address {link.address} on {self._channel.label})"
         if link.foreign_status_key in strangers:
             spoken, described = (RMD_V1 if link.coarse else RMD_V3).name, link.dialect.name
@@ -388,7 +351,7 @@ class RmdBus:
             self._ask([link.request("write_acceleration", index=index, acceleration_dps2=0) for link in planning])
         return self._set_watchdogs(links, WATCHDOG_MS)
 
-    def _set_watchdogs(self, links: list[_DriveLink], timeout_ms: int) -> list[str]:
+    def _set_watchdogs(self, links: list[RmdLink], timeout_ms: int) -> list[str]:
         requests = {link.name: link.request("watchdog", timeout_ms=timeout_ms) for link in links}
         told = self._ask(list(requests.values()))
         self._watched = bool(links) and timeout_ms > 0
@@ -397,13 +360,3 @@ class RmdBus:
             for name, request in requests.items()
             if request.key not in told or decode(RMD_V3, "watchdog", told[request.key].data)["timeout_ms"] != timeout_ms
         ]
-
-
-def _beyond_limits(motor: Motor, status: dict[str, float]) -> tuple[str, ...]:
-    celsius, volts = status["temperature_C"], status["voltage_V"]
-    words = []
-    if celsius > motor.max_temperature_C:
-        words.append(f"{celsius:g} °C, at most {motor.max_temperature_C:g}")
-    if not motor.min_voltage_V <= volts <= motor.max_voltage_V:
-        words.append(f"{volts:g} V, must be {motor.min_voltage_V:g} to {motor.max_voltage_V:g}")
-    return tuple(words)

@@ -141,24 +141,25 @@ class RmdChannel:
             self._asked_ids = {key >> 8 for key in self._asked}
 
     def collect(self) -> dict[int, Incoming]:
-        """Replies to the last burst by key, collected until all are in or its time is over. Raises BusError."""
+        """Replies to the last burst by key, collected until all are in or its time is over. Raises BusError.
+
+        What arrived in time is taken even if this process was kept from looking until later.
+        """
         bus, clock = self._open_bus(), self._clock
         pending, deadline = self._burst.pending, self._burst.deadline_s
         replies: dict[int, Incoming] = {}
         now = clock.now()
-        while pending:
-            message = self._receive(bus, max(0.0, deadline - now))
-            now = clock.now()
+        for _ in range(MAX_STALE_FRAMES):
+            message = self._receive(bus, max(0.0, deadline - now)) if pending else None
             if message is None:
                 break
+            now = clock.now()
             key = self._key_of(message)
             if key in pending:
                 pending.discard(key)
                 replies[key] = Incoming(message.data, now)
             elif key is not None:
                 self._unexpected(key)
-            if now >= deadline:
-                break
         return replies
 
     def _open_bus(self) -> can.BusABC:
