@@ -24,10 +24,11 @@ Kind = Literal["default", "ideal"]
 Action = Literal["bend_x", "bend_y", "torsion", "slide"]
 Indices = NDArray[np.intp]
 
-STEP_S = 0.001
+STEP_S = 0.002
 """Longest integration step."""
 STEP_DAMPING_S = 0.004
-"""Damping per stiffness of every spring. With the damping implicit, half a step suffices for stability at any stiffness."""
+"""Damping per stiffness of every spring. As the damping is implicit, half a step is stable at any stiffness; four times
+that keeps tendons that go slack and taut from chattering."""
 SETTLING_S = 0.1
 """Further damping per bending stiffness, so that the body settles and does not swing: friction in joints and holes."""
 ARMATURE_SHARE = 0.04

@@ -10,6 +10,7 @@ from cobra.description import RobotDescription
 from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, Chain, Kind, build_chain
 from cobra.simulation.plant import Floats, Truth
 
+BENDS = ("bend_x", "bend_y")
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_XFRC_APPLIED
 DIVERGED_SPEED = 1e4
 """Joint speeds [rad/s] beyond this are no motion of a robot."""
@@ -35,13 +36,10 @@ class Twin:
         self._start = np.array([spring.start_m for spring in springs])
         self._span = np.array([spring.end_m - spring.start_m for spring in springs])
         self._stiffness = np.array([spring.stiffness for spring in springs])
-        self._bends = [
-            [
-                np.array([a for a, s in zip(chain.dofs, springs, strict=True) if (s.section, s.does) == (i, axis)])
-                for axis in ("bend_x", "bend_y")
-            ]
-            for i in range(len(d.sections))
-        ]
+        self._bend_sums = np.zeros((2 * len(d.sections), chain.model.nq))
+        for spring, address in zip(springs, chain.dofs, strict=True):
+            if spring.does in BENDS:
+                self._bend_sums[2 * spring.section + BENDS.index(spring.does), address] = 1.0
         self._travel: Floats | None = None
         self._feed_m = math.nan
         self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
@@ -155,7 +153,7 @@ class Twin:
             tip_position=data.site_xpos[chain.tip_site].copy(),
             tip_wxyz=tip_wxyz,
             vertebrae=data.site_xpos[chain.vertebra_sites],
-            bends=np.array([[data.qpos[x].sum(), data.qpos[y].sum()] for x, y in self._bends]),
+            bends=(self._bend_sums @ data.qpos).reshape(-1, 2),
             tensions=self._loads[self._tendons],
         )
 
