@@ -15,7 +15,14 @@ from cobra.description import RobotDescription
 Floats = NDArray[np.float64]
 
 SLACK_M = 0.002
+"""At least this much is paid out, and then more until the tension does not fall any more."""
+MAX_SLACK_M = 0.030
 SLACK_SPEED_M_S = 0.02
+LOOK_BACK_TICKS = 10
+STILL_FALLING = 0.05
+"""Of the pretension: a smaller fall over the look-back is none."""
+FREE_M = 0.0005
+"""Wound in before the free reading is taken: by then the gear turns, and what it draws is friction alone."""
 WIND_SPEED_M_S = 0.012
 MAX_WIND_M = 0.040
 CONTACT_FRACTION = 0.4
@@ -90,7 +97,11 @@ class Homing:
         self._stroke_tick = self._good = 0
         self._start: Floats | None = None
         self._target = np.zeros(0)
+        self._wound_from = np.zeros(0)
         self._contact = np.zeros(n)
+        self._free = np.zeros(n)
+        """What each drive reads while it winds a slack tendon: friction, not tension."""
+        self._readings: list[Floats] = []
 
     @property
     def done(self) -> bool:
@@ -117,24 +128,30 @@ class Homing:
             raise HomingError(f"still {self.progress} after {TIMEOUT_S:.0f} s")
         tension = load[self._index]
         if self._stage is _Stage.SLACK:
-            self._pay_out(self._start, dt_s)
+            self._pay_out(self._start, tension, self._tendon.pretension_N, dt_s)
         elif self._stage is _Stage.WIND:
-            self._wind(self._start, tension, self._tendon.pretension_N, dt_s)
+            self._wind(tension, self._tendon.pretension_N, dt_s)
         elif self._stage is _Stage.SETTLE:
-            self._settle(tension, self._tendon.pretension_N, dt_s)
+            self._settle(tension - self._free, self._tendon.pretension_N, dt_s)
         return self._target.copy()
 
-    def _pay_out(self, start: Floats, dt_s: float) -> None:
-        goal = start[self._index] + SLACK_M
-        self._target[self._index] = np.minimum(self._target[self._index] + SLACK_SPEED_M_S * dt_s, goal)
-        if np.all(self._target[self._index] >= goal):
+    def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
+        self._readings = [*self._readings, tension][-LOOK_BACK_TICKS:]
+        paid = (self._target - start)[self._index]
+        falling = self._readings[0] - tension > STILL_FALLING * pretension
+        more = (paid < SLACK_M) | (falling & (paid < MAX_SLACK_M))
+        self._target[self._index] += np.where(more, SLACK_SPEED_M_S * dt_s, 0.0)
+        if not np.any(more):
             self._stage = _Stage.WIND
+            self._wound_from = self._target.copy()
 
-    def _wind(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
-        touching = tension >= CONTACT_FRACTION * pretension
+    def _wind(self, tension: Floats, pretension: float, dt_s: float) -> None:
+        wound = (self._wound_from - self._target)[self._index]
+        free = wound <= FREE_M
+        self._free = np.where(free, tension, np.minimum(self._free, tension))
+        touching = ~free & (tension - self._free >= CONTACT_FRACTION * pretension)
         self._contact = np.where(touching, self._contact + dt_s, 0.0)
         self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
-        wound = (start - self._target)[self._index]
         if np.any(wound > MAX_WIND_M):
             name = self._names[int(np.argmax(wound))]
             raise HomingError(
