@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from cobra.description import RobotDescription
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED, TWIST, Configuration
+from cobra.kinematics.ramps import approached, braking_speed, reached, shortened
 from cobra.messages import Intent
 
 Floats = NDArray[np.float64]
@@ -41,8 +42,14 @@ class SectionMotion:
     def propose(self, intent: Intent | None, dt_s: float) -> tuple[Floats, Floats]:
         """The next q and its velocity after one tick of `dt_s`; None ramps every motion to rest."""
         wanted = self._wanted(intent) if intent else np.zeros_like(self.q)
-        velocity = self._brake_at_limits(self._ramp(wanted, dt_s), dt_s)
-        q = self._inside_limits(self.q + velocity * dt_s)
+        q = self.q.copy()
+        for i in self._scalars:
+            q[i] += self._scalar_speed(i, wanted[i], dt_s) * dt_s
+            q[i] = min(max(q[i], self.configuration.low[i]), self.configuration.high[i])
+        limits = self._backbone.bend_limits(q)
+        for i, limit in enumerate(limits):
+            where = self.configuration.bends[i]
+            q[where] = self._bend(where, wanted[where], float(limit), dt_s)
         return q, (q - self.q) / dt_s
 
     def take(self, q: Floats, velocity: Floats) -> None:
@@ -58,57 +65,34 @@ class SectionMotion:
                 rates[bends[intent.section]] += intent.primary
             rates[bends[self._active[-1]]] += intent.secondary
             for i in self._active:
-                rates[bends[i]] = _shorten(rates[bends[i]], 1.0)
+                rates[bends[i]] = shortened(rates[bends[i]], 1.0)
         return rates * self._rate * intent.speed
 
-    def _ramp(self, wanted: Floats, dt_s: float) -> Floats:
-        step = self.configuration.acceleration * dt_s
-        velocity = self.velocity.copy()
-        for i in self._scalars:
-            velocity[i] += np.clip(wanted[i] - velocity[i], -step[i], step[i])
-        for i in self._active:
-            where = self.configuration.bends[i]
-            velocity[where] += _shorten(wanted[where] - velocity[where], step[where.start])
-        return velocity
+    def _scalar_speed(self, i: int, wanted: float, dt_s: float) -> float:
+        """Speed of twist or feed: ramped, and never faster than it can stop before its limit."""
+        acceleration = self.configuration.acceleration[i]
+        speed = approached(self.velocity[i], wanted, acceleration * dt_s)
+        up = braking_speed(self.configuration.high[i] - self.q[i], acceleration, dt_s)
+        down = braking_speed(self.q[i] - self.configuration.low[i], acceleration, dt_s)
+        return min(max(speed, -down), up)
 
-    def _brake_at_limits(self, velocity: Floats, dt_s: float) -> Floats:
-        """Approach every limit no faster than the deceleration can stop it."""
-        layout = self.configuration
-        for i in self._scalars:
-            up = _braking_speed(layout.high[i] - self.q[i], layout.acceleration[i], dt_s)
-            down = _braking_speed(self.q[i] - layout.low[i], layout.acceleration[i], dt_s)
-            velocity[i] = np.clip(velocity[i], -down, up)
-        room = self._backbone.bend_limits(self.q)
-        for i in self._active:
-            where = layout.bends[i]
-            bend = float(np.hypot(*self.q[where]))
-            if bend < 1e-9:
-                continue
-            outward = self.q[where] / bend
-            speed = float(velocity[where] @ outward)
-            allowed = _braking_speed(room[i] - bend, layout.acceleration[where.start], dt_s)
-            if speed > allowed:
-                velocity[where] -= (speed - allowed) * outward
-        return velocity
+    def _bend(self, where: slice, wanted: Floats, limit: float, dt_s: float) -> Floats:
+        """The next bend vector of a section: ramped, braked at its limit, and led inwards when the limit shrinks."""
+        step = self._rate[where.start] * dt_s
+        acceleration = self.configuration.acceleration[where.start]
+        bend = self.q[where]
+        inside = shortened(bend, limit)
+        left = max(step - math.dist(bend, inside), 0.0)
+        velocity = self.velocity[where] + shortened(wanted - self.velocity[where], acceleration * dt_s)
+        size = math.hypot(*inside)
+        if size > 1e-9:
+            outward = inside / size
+            speed = float(velocity @ outward)
+            velocity = velocity - max(speed - braking_speed(limit - size, acceleration, dt_s), 0.0) * outward
+        return reached(inside, inside + shortened(velocity * dt_s, left), np.zeros(2), limit)
 
     def _inside_limits(self, q: Floats) -> Floats:
         q = np.clip(q, self.configuration.low, self.configuration.high)
         for where, limit in zip(self.configuration.bends, self._backbone.bend_limits(q), strict=True):
-            q[where] = _shorten(q[where], float(limit))
+            q[where] = shortened(q[where], float(limit))
         return q
-
-
-def _braking_speed(distance: float, acceleration: float, dt_s: float) -> float:
-    """Largest speed for the next step from which steps of `dt_s` can still come to rest within `distance`.
-
-    Far away: v dt + v²/2a − v dt/2 + a dt²/8 ≤ d, the sum of a ramp's steps. Within one step of rest: all that is left.
-    """
-    distance = max(distance, 0.0)
-    ramp = math.sqrt(2.0 * acceleration * distance) - 0.5 * acceleration * dt_s
-    return max(ramp, min(distance / dt_s, acceleration * dt_s))
-
-
-def _shorten(vector: Floats, length: float) -> Floats:
-    """The vector, no longer than `length`."""
-    size = math.hypot(vector[0], vector[1])
-    return vector if size <= length else vector * (length / size)

@@ -74,7 +74,7 @@ intents = st.builds(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.one_of(st.none(), intents), st.integers(1, 80)), max_size=12), st.floats(0.0, 1.0))
 def test_limits_rates_and_accelerations_hold_at_every_tick(history, feed):
     motion = SectionMotion(COBRA)

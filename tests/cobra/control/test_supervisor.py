@@ -109,7 +109,10 @@ def test_a_stop_during_homing_needs_homing_again():
 
 def test_arming_names_every_reason():
     supervisor = Supervisor()
-    assert supervisor.arming_reasons(SILENT, None, 1.0) == (SILENT.blocking[0], "nobody drives: take the controls first")
+    assert supervisor.arming_reasons(SILENT, None, 1.0) == (
+        SILENT.blocking[0],
+        "nobody drives: take the controls first",
+    )
     assert "let it go" in supervisor.arming_reasons(WELL, drive(True, 1.0), 1.0)[0]
     assert "centred" in supervisor.arming_reasons(WELL, drive(False, 1.0, x=0.3), 1.0)[0]
     assert "no input" in supervisor.arming_reasons(WELL, drive(False, 1.0), 2.0)[0]
