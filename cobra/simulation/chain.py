@@ -66,9 +66,7 @@ class Chain:
     model: mujoco.MjModel
     springs: tuple[Spring, ...]
     joints: Indices
-    """(n,) joint of each spring."""
-    dofs: Indices
-    """(n,) its degree of freedom; the joints have one each, so `qpos` has the same index."""
+    """(n,) joint of each spring. Every joint has one degree of freedom, so this is its index in `qpos` and `qvel` too."""
     vertebra_sites: Indices
     """Centres of the vertebrae, base first, without the plate at the base."""
     vertebra_bodies: Indices
@@ -119,7 +117,6 @@ def build_chain(description: RobotDescription, kind: Kind) -> Chain:
         model=model,
         springs=tuple(builder.springs),
         joints=joints,
-        dofs=np.asarray(model.jnt_dofadr[joints], dtype=np.intp),
         vertebra_sites=sites,
         vertebra_bodies=np.asarray(model.site_bodyid[sites], dtype=np.intp),
         tip_site=model.site("tip").id,

@@ -37,9 +37,9 @@ class Twin:
         self._span = np.array([spring.end_m - spring.start_m for spring in springs])
         self._stiffness = np.array([spring.stiffness for spring in springs])
         self._bend_sums = np.zeros((2 * len(d.sections), chain.model.nq))
-        for spring, address in zip(springs, chain.dofs, strict=True):
+        for spring, joint in zip(springs, chain.joints, strict=True):
             if spring.does in BENDS:
-                self._bend_sums[2 * spring.section + BENDS.index(spring.does), address] = 1.0
+                self._bend_sums[2 * spring.section + BENDS.index(spring.does), joint] = 1.0
         self._travel: Floats | None = None
         self._feed_m = math.nan
         self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
@@ -134,7 +134,7 @@ class Twin:
         stiffness = self._stiffness / np.clip(ahead / self._span, HELD_FRACTION, 1.0)
         model = self.chain.model
         model.jnt_stiffness[self.chain.joints] = stiffness
-        model.dof_damping[self.chain.dofs] = SETTLING_S * self._stiffness + STEP_DAMPING_S * stiffness
+        model.dof_damping[self.chain.joints] = SETTLING_S * self._stiffness + STEP_DAMPING_S * stiffness
 
     def _drive_loads(self, travel: Floats, speed: Floats) -> Floats:
         """Force of each drive on its part; of a tendon the tension, k (l − l_free) with its damping, never below zero."""

@@ -86,10 +86,10 @@ def test_the_tips_orientation_is_that_of_constant_curvature_without_twist() -> N
 def test_tendon_lengths_of_a_constant_curvature_pose_are_those_of_c4(bends: np.ndarray) -> None:
     twin = build_twin(COBRA, "ideal")
     model, data = twin.chain.model, mujoco.MjData(twin.chain.model)
-    for spring, dof in zip(twin.chain.springs, twin.chain.dofs, strict=True):
+    for spring, joint in zip(twin.chain.springs, twin.chain.joints, strict=True):
         if spring.does in ("bend_x", "bend_y"):
             section = COBRA.sections[spring.section]
-            data.qpos[dof] = bends[spring.section][int(spring.does == "bend_y")] / section.vertebrae
+            data.qpos[joint] = bends[spring.section][int(spring.does == "bend_y")] / section.vertebrae
     mujoco.mj_forward(model, data)
     change = data.actuator_length[list(COBRA.tendon_drives)] - twin.chain.tendon_rest
     # Straight across the gaps instead of along the arc: 1.1 % of what 90 degrees wind, for each section crossed.
