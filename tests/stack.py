@@ -142,7 +142,11 @@ class Observer:
         return self.link.latest
 
     def wait(self, what: str, condition: Callable[[RobotState], Any], timeout_s: float = 30.0) -> RobotState:
-        wait_for(what, lambda: condition(self.state), timeout_s)
+        try:
+            wait_for(what, lambda: condition(self.state), timeout_s)
+        except AssertionError as error:
+            state, events = self.state, [event.text for event in self.link.events]
+            raise AssertionError(f"{error}; it is {state.phase}: {state.cause} {state.reasons}, after {events}") from None
         return self.state
 
     def truth(self) -> dict[str, Any]:
