@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
+from cobra.description import Drive, Range, RobotDescription, Section
 from cobra.errors import OperatorError
-from cobra.description import Drive, Range, RobotDescription
 
 
 class DescriptionError(OperatorError):
@@ -174,6 +174,11 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
                 f"{key}.vertebra_thickness_m = {section.vertebra_thickness_m}: must be under the pitch "
                 f"length_m / vertebrae = {pitch:.6g}"
             )
+        elif not section.elongation and section.max_bend_deg > (stop := _stop_deg(d, section)):
+            out.append(
+                f"{key}.max_bend_deg = {section.max_bend_deg:g}: the vertebrae meet at {stop:.0f} degrees; "
+                "allow less bend, or make them thinner or more of them"
+            )
         routing = section.routing
         if routing and len(routing.names) != len(routing.azimuths_deg):
             out.append(
@@ -200,6 +205,15 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
         if count > 1:
             out.append(f"sections.routing.names: tendon {name!r} is named {count} times; names must be unique")
     return out
+
+
+def _stop_deg(d: RobotDescription, section: Section) -> float:
+    """Bend at which the vertebrae of a section touch: at their rims, or at the tendons' holes on a diagonal."""
+    gap = section.length_m / section.vertebrae - section.vertebra_thickness_m
+    joint = 2.0 * math.atan(gap / d.backbone.diameter_m)
+    if section.routing:
+        joint = min(joint, math.sqrt(2.0) * math.atan(gap / (2.0 * section.routing.radius_m)))
+    return math.degrees(joint) * section.vertebrae
 
 
 def _one_sided(azimuths_deg: tuple[float, ...]) -> bool:

@@ -33,8 +33,8 @@ class Plant(Protocol):
         """Move the drives' ends to `travel` and let `duration_s` pass.
 
         `travel` has one entry a drive: m of tendon paid out, m of feed, rad of twist; 0 is a straight robot with its
-        tendons just taut, and for the feed an exposed length of 0. Returns the load at each drive: tension [N] (≥ 0),
-        force along the feed [N], torque about the twist [N·m].
+        tendons just taut, and for the feed an exposed length of 0. The first call tells where the drives stand. Returns
+        the load at each drive: tension [N] (≥ 0), and what the drive exerts along the feed [N] and about the twist [N·m].
         """
 
     def truth(self) -> Truth:

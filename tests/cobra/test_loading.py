@@ -114,3 +114,9 @@ def test_travel_per_radian_carries_direction_and_gear():
     assert by_name["S1"].travel_per_rad == pytest.approx(0.010)
     assert by_name["twist"].travel_per_rad == pytest.approx(0.25)
     assert by_name["twist"].travel_limits == pytest.approx((-math.pi, math.pi))
+
+
+def test_a_bend_that_the_vertebrae_cannot_make_is_refused(tmp_path):
+    message = broken(tmp_path, "max_bend_deg = 90.0", "max_bend_deg = 170.0")
+    assert "sections[0].max_bend_deg = 170" in message
+    assert "meet at" in message
