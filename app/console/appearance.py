@@ -16,11 +16,11 @@ COLLAR: Rgb = (104, 120, 204)
 HEAD: Rgb = (160, 167, 176)
 AXES: tuple[Rgb, Rgb, Rgb] = ((232, 84, 76), (98, 200, 104), (84, 140, 250))
 """x, y, z."""
-VIEW_CONE: Rgb = (255, 214, 120)
+VIEW_CONE: Rgb = (255, 190, 70)
 PLATE: Rgb = (58, 66, 77)
 INTRODUCER: Rgb = (46, 53, 62)
 BOLT: Rgb = (112, 119, 128)
-GHOST: Rgb = (70, 190, 255)
+GHOST: Rgb = (24, 136, 236)
 TRAIL: Rgb = (96, 196, 255)
 STALE: Rgb = (84, 86, 90)
 """Of a robot whose shape is old or not known."""

@@ -3,8 +3,11 @@
 All of it belongs to one client of viser, so nobody changes another's view.
 """
 
+import threading
+
 import viser
 
+from app.console.meshes import Floats
 from app.console.panels import Panels
 from app.console.plots import History, add_plot
 from app.console.scene import PARTS, Scene
@@ -31,6 +34,7 @@ class ClientView:
         self._wanted = dict.fromkeys(PARTS, True)
         self._hidden: dict[str, viser.SceneNodeHandle] = {}
         self._tip_view = False
+        self._changing = threading.Lock()
 
     def start(self) -> None:
         """Build the client's controls. Not while another client's are being built: they share the tabs."""
@@ -49,44 +53,47 @@ class ClientView:
             self._choice = gui.add_dropdown("last 20 s", titles)
             self._choice.on_update(lambda _: self._choose())
             self._shown = self._history.channels[0]
-            self._plot = add_plot(gui, self._history, self._shown)
+            # A container of its own: the tab is every client's, and may be entered by one at a time only.
+            self._frame = gui.add_folder(None)
+            with self._frame:
+                self._plot = add_plot(gui, self._history, self._shown)
 
-    def follow(self) -> None:
-        """Keep the camera on the tip, when the client asked for it. Call it after each frame."""
-        if not self._tip_view:
-            return
-        camera, position, rotation = self._client.camera, self._scene.tip_position, self._scene.tip_rotation
-        with self._client.atomic():
-            camera.position = position
-            camera.look_at = position + 0.3 * self._description.active_length_m * rotation[:, 2]
-            camera.up_direction = -rotation[:, 1]
-
-    def update_plot(self) -> None:
-        """Send the chosen channel's newest samples."""
-        self._plot.data = self._history.data(self._shown)
+    def update(self, plot: bool) -> None:
+        """After each frame: keep the camera on the tip, if so chosen, and with `plot` send the newest samples."""
+        with self._changing:
+            if self._tip_view:
+                rotation = self._scene.tip_rotation
+                ahead = 0.3 * self._description.active_length_m * rotation[:, 2]
+                self._look(self._scene.tip_position, self._scene.tip_position + ahead, -rotation[:, 1])
+            if plot:
+                self._plot.data = self._history.data(self._shown)
 
     def _choose(self) -> None:
-        chosen = next(channel for channel in self._history.channels if channel.title == self._choice.value)
-        if chosen is self._shown:
-            return
-        old = self._plot
-        self._shown, self._plot = chosen, add_plot(self._client.gui, self._history, chosen)
-        old.remove()
+        with self._changing:
+            chosen = next(channel for channel in self._history.channels if channel.title == self._choice.value)
+            if chosen is not self._shown:
+                self._plot.remove()
+                with self._frame:
+                    self._shown, self._plot = chosen, add_plot(self._client.gui, self._history, chosen)
 
     def _look_from_tip(self, wanted: bool) -> None:
-        camera = self._client.camera
-        self._tip_view = wanted
-        camera.fov = TIP_FOV_RAD if wanted else FOV_RAD
-        self._show("frame")
-        if not wanted:
-            with self._client.atomic():
-                camera.position, look_at = first_camera(self._description)
-                camera.look_at = look_at
-                camera.up_direction = up_direction(self._description)
+        with self._changing:
+            self._tip_view = wanted
+            self._client.camera.fov = TIP_FOV_RAD if wanted else FOV_RAD
+            self._show("frame")
+            if not wanted:
+                self._look(*first_camera(self._description), up_direction(self._description))
+
+    def _look(self, position: Floats, look_at: Floats, up: Floats) -> None:
+        with self._client.atomic():
+            self._client.camera.position = position
+            self._client.camera.look_at = look_at
+            self._client.camera.up_direction = up
 
     def _want(self, part: str, wanted: bool) -> None:
-        self._wanted[part] = wanted
-        self._show(part)
+        with self._changing:
+            self._wanted[part] = wanted
+            self._show(part)
 
     def _show(self, part: str) -> None:
         """Show or hide a part for this client only: an empty node of its own under the same name covers the shared one.

@@ -77,7 +77,7 @@ def add_plot(gui: viser.GuiApi, history: History, channel: Channel) -> viser.Gui
         series=(uplot.Series(label="s"), *lines),
         # The x axis would be a date otherwise.
         scales={"x": uplot.Scale(time=False, range=(-POINTS * SAMPLE_S, 0.0))},
-        axes=(uplot.Axis(label="seconds ago", size=34, labelSize=18), uplot.Axis(label=channel.title, size=40)),
+        axes=(uplot.Axis(label="seconds", size=34, labelSize=18), uplot.Axis(label=channel.title, size=40)),
         legend=uplot.Legend(show=True, live=False),
         height=230,
     )

@@ -8,6 +8,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import rich
 import viser
@@ -114,17 +115,15 @@ class Viewer:
         drawn = state if state is not None and self._draw(state, now) else None
         self._shown = drawn or self._shown
         self._frames.append(now)
-        clients = list(self._clients.values())
-        for client in clients:
-            self._counted("view from the tip", client.follow)
         if drawn is not None and now >= self._next_sample:
             self._next_sample = now + SAMPLE_S
             self._counted("plot", lambda: self._history.add(drawn))
-        if now >= self._next_panels:
+        panels = now >= self._next_panels
+        if panels:
             self._next_panels = now + PANEL_PERIOD_S
             self._counted("panels", lambda: self._panels.update(self._shown, self._timing(now)))
-            for client in clients:
-                self._counted("plot", client.update_plot)
+        for number, view in list(self._clients.items()):
+            self._counted("viewer", partial(view.update, panels), number)
         server.flush()
         self._frame_time_s += 0.05 * (self._clock.now() - now - self._frame_time_s)
 
@@ -141,11 +140,16 @@ class Viewer:
             return False
         return True
 
-    def _counted(self, what: str, action: Callable[[], object]) -> None:
-        """A fault in one panel or one viewer ends neither the view nor the others; it is counted and logged once."""
+    def _counted(self, what: str, action: Callable[[], object], client: int | None = None) -> None:
+        """A fault in one panel or one viewer ends neither the view nor the others; it is counted and logged once.
+
+        What fails because its client has just left is no fault.
+        """
         try:
             action()
         except Exception as fault:
+            if client is not None and (self._server is None or client not in self._server.get_clients()):
+                return
             reason = f"{what}: {type(fault).__name__}"
             if reason not in self.errors:
                 log.exception("%s could not be updated", what)
@@ -170,7 +174,7 @@ class Viewer:
             if client.client_id not in self._running().get_clients():
                 self._clients.pop(client.client_id, None)  # it left while it was being built
 
-        self._counted("new viewer", build)
+        self._counted("new viewer", build, client.client_id)
 
     def _farewell(self, client: viser.ClientHandle) -> None:
         self._clients.pop(client.client_id, None)

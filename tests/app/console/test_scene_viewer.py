@@ -213,7 +213,8 @@ def test_each_viewer_plots_what_it_chose(running):
         def plots(message, count):
             return message["type"] == "GuiUplotMessage" and len(message["props"]["series"]) == 1 + count
 
-        one.wait_for(lambda m: plots(m, 6))
+        place = one.wait_for(lambda m: plots(m, 12))["container_uuid"]
+        assert one.wait_for(lambda m: plots(m, 6))["container_uuid"] == place
         other.wait_for(lambda m: plots(m, 12))
         other.drain()
         assert not any(plots(message, 6) for message in other.messages)
