@@ -18,9 +18,12 @@ import random
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
-from virtual_pad import AXES, BUTTON_INDEX, TRIGGERS, VirtualPad
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tests.virtual_pad import AXES, BUTTON_INDEX, TRIGGERS, VirtualPad
 
 TREMOR = 0.001
 TREMOR_PERIOD_S = 0.05
@@ -102,4 +105,4 @@ if __name__ == "__main__":
     from app.cli import main
 
     threading.Thread(target=serve, args=(Hand(),), name="hand", daemon=True).start()
-    sys.exit(main(sys.argv[1:]))  # type: ignore[func-returns-value]
+    main(sys.argv[1:])

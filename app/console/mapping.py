@@ -14,6 +14,7 @@ Action = Literal["stop", "arm"]
 
 DEAD_MAN: Button = "left_shoulder"
 SHIFT: Button = "right_shoulder"
+ACTIONS: dict[Button, Action] = {"b": "stop", "start": "arm"}
 
 PAD_MAP: tuple[tuple[str, str], ...] = (
     ("LB (hold)", "drive while it is held; letting go stops"),
@@ -123,7 +124,7 @@ def map_controls(
     """
     pressed = controls.buttons - previous.buttons
     chosen = _choose(pressed, selection, description)
-    actions: tuple[Action, ...] = (("stop",) if "b" in pressed else ()) + (("arm",) if "start" in pressed else ())
+    actions = tuple(action for button, action in ACTIONS.items() if button in pressed)
     speed = description.teleop.speed_levels[chosen.level]
     if not controls.connected or fault_of(controls):
         return Mapped(Intent(section=chosen.section, speed=speed), False, chosen, actions)

@@ -102,6 +102,8 @@ class Pilot:
     def attach(self, key: str, device: InputSource) -> None:
         """Poll a device, such as the pad, from now on; its changes may be pushed with `update` as well."""
         with self._lock:
+            if key in self._sources:
+                self._lose(key, "is another device now")
             controls = device.read()
             self._sources[key] = _Source(device, _unseen(controls))
             self._take(key, controls, self._clock.now())
@@ -185,11 +187,13 @@ class Pilot:
         previous, source.controls = source.controls, controls
         source.watch.look(controls)
         mapped = map_controls(controls, previous, self._selection, self._profile, self._description)
+        if fault := fault_of(controls):
+            self._counts[f"{key}: {fault}"] += 1
         if "stop" in mapped.actions:
             self._actions = ["stop"]
             self._end(f"STOP by {self._name(key)}")
-        if fault := fault_of(controls):
-            self._counts[f"{key}: {fault}"] += 1
+            source.stage = "release"  # a dead-man that goes down together with STOP is no press
+            return
 
         silent = DEAD_MAN in previous.buttons and controls.stamp - previous.stamp > SILENCE_S
         unfit = "fell silent" if silent else self._unfit(source, now)
@@ -210,8 +214,7 @@ class Pilot:
                 self._end(f"{self._name(key)} let go")
             source.stage = "ready"
         elif source.stage == "ready":
-            may_wait = not self._driver and self._phase_at(now) in ("ready", "driving")
-            source.stage = "pressed" if at_rest and may_wait else "release"
+            source.stage = "pressed" if at_rest else "release"
             source.pressed_s = now
         elif source.stage == "pressed" and not at_rest:
             source.stage = "release"
@@ -260,12 +263,13 @@ class Pilot:
         self._sources[key].stage = "release"
 
     def _end(self, why: str) -> None:
-        """Nobody drives any more; everybody lets go first."""
+        """Nobody drives any more; whoever holds the dead-man lets go first."""
         if self._driver:
             self._last_end = why
         self._driver = ""
         for source in self._sources.values():
-            source.stage = "release"
+            if source.stage != "ready":
+                source.stage = "release"
 
     def _phase_at(self, now: float) -> Phase | None:
         return self._phase if now - self._phase_s <= ROBOT_SILENCE_S else None

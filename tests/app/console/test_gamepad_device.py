@@ -1,5 +1,7 @@
 """The pad as SDL gives it: virtual devices inside this process, real SDL, real pygame."""
 
+import contextlib
+import json
 import math
 import subprocess
 import sys
@@ -10,6 +12,7 @@ from queue import Empty, Queue
 import pytest
 
 from app.console.gamepad import REFRESH_MS, Gamepad
+from tests.console_with_pad import Hand
 
 PATIENCE_S = 10.0
 
@@ -181,8 +184,14 @@ def test_a_second_pad_never_takes_over(reader, plug):
     first.detach()
     reader.until(lambda: not reader.pad.read().connected)
     reader.settle()
+    plug("Third")
+    reader.until(lambda: len(reader.pad.pads) == 2)
+    reader.settle()
     assert reader.pad.name == "First", "it stays the chosen one while it is gone"
     assert not reader.pad.read().connected
+    first.attach()
+    reader.until(lambda: reader.pad.read().connected)
+    assert reader.pad.name == "First"
 
 
 def test_a_pad_that_comes_while_another_drives_ends_the_drive(reader, plug):
@@ -295,3 +304,58 @@ def test_values_are_finite_and_within_one_at_the_ends_of_travel(reader, plug):
     controls = reader.change(lambda c: c.left[0] < 0)
     assert controls.left[0] == -1.0
     assert all(math.isfinite(v) for v in (*controls.left, *controls.right))
+
+
+@pytest.fixture
+def hand():
+    hand = Hand()
+    yield hand
+    hand.obey({"tremble": False})
+    with contextlib.suppress(ValueError):
+        hand.obey({"detach": True})
+
+
+def test_the_launchers_hand_moves_the_pad_by_lines_of_json(reader, hand):
+    reader.until(lambda: reader.pad.read().connected)
+    for request in (
+        '{"axis": "leftx", "value": -0.5}',
+        '{"axis": "lefttrigger", "value": 1}',
+        '{"button": "leftshoulder", "value": 1}',
+        '{"button": "dpup", "value": 1}',
+    ):
+        hand.obey(json.loads(request))
+    controls = reader.change(lambda c: len(c.buttons) == 2)
+    assert controls.buttons == {"left_shoulder", "dpad_up"}
+    reader.until(lambda: reader.pad.read().left_trigger == 1.0)
+    assert reader.pad.read().left[0] == pytest.approx(-0.5, abs=1e-4)
+    hand.obey({"detach": True})
+    reader.change(lambda c: not c.connected)
+    with pytest.raises(ValueError, match="not plugged in"):
+        hand.obey({"axis": "leftx", "value": 0.5})
+    hand.obey({"attach": True})
+    assert reader.change(lambda c: c.connected).left == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ['{"axis": "nose", "value": 1}', '{"axis": "leftx", "value": NaN}', '{"axis": "leftx", "value": 2}', "[]", "{}"],
+)
+def test_the_launchers_hand_refuses_what_it_does_not_know(hand, wrong):
+    with pytest.raises(ValueError, match=r".+"):
+        hand.obey(json.loads(wrong))
+
+
+def test_the_launchers_hand_trembles_like_a_hand_until_it_is_told_to_freeze(reader, hand):
+    reader.until(lambda: reader.pad.read().connected)
+    hand.obey({"axis": "leftx", "value": 0.6})
+    hand.obey({"tremble": True})
+    seen = {reader.change(lambda c: c.left[0] > 0.5).left[0] for _ in range(5)}
+    assert len(seen) > 2
+    assert max(seen) - min(seen) < 0.005
+    hand.obey({"tremble": False})
+    reader.settle()
+    while not reader.changes.empty():
+        reader.changes.get()
+    reader.settle()
+    reader.settle()
+    assert reader.changes.empty()
