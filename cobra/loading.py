@@ -174,11 +174,6 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
                 f"{key}.vertebra_thickness_m = {section.vertebra_thickness_m}: must be under the pitch "
                 f"length_m / vertebrae = {pitch:.6g}"
             )
-        elif not section.elongation and section.max_bend_deg > (stop := _stop_deg(d, section)):
-            out.append(
-                f"{key}.max_bend_deg = {section.max_bend_deg:g}: the vertebrae meet at {stop:.0f} degrees; "
-                "allow less bend, or make them thinner or more of them"
-            )
         routing = section.routing
         if routing and len(routing.names) != len(routing.azimuths_deg):
             out.append(
@@ -191,6 +186,11 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
             out.append(
                 f"{key}.routing.azimuths_deg = {list(routing.azimuths_deg)}: the tendons must surround the backbone "
                 "(no gap of 180 degrees or more), else one direction cannot be pulled"
+            )
+        if not section.elongation and section.max_bend_deg > (stop := _stop_deg(d, section)):
+            out.append(
+                f"{key}.max_bend_deg = {section.max_bend_deg:g}: the vertebrae meet at {stop:.0f} degrees; "
+                "allow less bend, or make them thinner or more of them"
             )
         if section.elongation and not section.elongation.locked_length_m < section.elongation.unlocked_length_m:
             out.append(f"{key}.elongation.locked_length_m: must be under unlocked_length_m")
