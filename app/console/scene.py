@@ -87,6 +87,8 @@ class Scene:
                 self._ghost.vertices = self.body.tube(commanded, GHOST_SCALE)
             self._commanded = state.commanded
             known = state.homed and measured is not None
+            if not known:
+                self._trail.clear()
             self._set_live(known, "not homed: the shape is not known")
             if known and self._frame % SLOW_EVERY == 0:
                 self._color_tendons(tensions)

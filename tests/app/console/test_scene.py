@@ -189,6 +189,14 @@ def test_the_trail_is_the_tips_path_of_the_last_twenty_seconds(server, scene):
     assert np.linalg.norm(points[-1, 1] - path[-3:], axis=1).min() < 1e-6
 
 
+def test_a_guessed_shape_leaves_no_trail(server, scene):
+    for t in np.arange(0.0, 3.0, 0.1):
+        scene.update(state_of(t=float(t), homed=False))
+    for stamp in (1004.0, 1004.1, 1004.2):
+        scene.update(state_of(t=9.0, stamp=stamp))
+    assert np.ptp(node(server, "/trail").points.reshape(-1, 3), axis=0).max() < 1e-9
+
+
 def test_a_robot_that_starts_anew_leaves_no_line_from_its_last_life(server, scene):
     for t in np.arange(0.0, 5.0, 0.1):
         scene.update(state_of(t=float(t)))
