@@ -26,6 +26,7 @@ from cobra.loading import load_description
 
 log = logging.getLogger("cobra.console")
 HOST = "127.0.0.1"
+SWITCH_INTERVAL_S = 0.0005
 PAD = "pad"
 """Key of the pad among the pilot's sources."""
 
@@ -62,6 +63,8 @@ class Console:
             DescriptionError, BusyError, RobotStartError, LinkError: with one clear line.
         """
         options = self._options
+        # The pad's thread and the driver's must not wait 5 ms behind a busy scene.
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         description = load_description(options.robot)
         _refuse_a_second(description.name)
         keeper = RobotKeeper(options.robot, description.name, _robot_options(options))

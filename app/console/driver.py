@@ -93,7 +93,7 @@ class Driver:
     def _tick(self) -> None:
         for action in self._pilot.take_actions():
             if action == "stop":
-                self.halt(self._who, "pressed on the pad")
+                self.halt(self._who, "B on the pad")
             else:
                 threading.Thread(target=self._ask_for_button, args=(Request(what=action),), daemon=True).start()
         link = self._link()

@@ -81,6 +81,8 @@ class Snapshot(TypedDict):
 
     phase: Phase
     cause: str
+    hints: dict[str, str]
+    """For the pad and for every page, by name: what it does, or what is missing for it to drive."""
     reasons: list[str]
     homed: bool
     link: LinkState

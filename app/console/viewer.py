@@ -86,6 +86,7 @@ class Viewer:
 
     def open(self) -> None:
         """Open viser and build the view, without a thread: `step` draws."""
+        self._quit.clear()
         self._server = _private_server()
         self._scene = Scene(self._server, self._description)
         self._panels = Panels(self._server, self._description)
@@ -102,6 +103,7 @@ class Viewer:
             self._thread.join(timeout=1.0)
             self._thread = None
         if self._server is not None:
+            _hang_up(self._server)
             with _silent():
                 self._server.stop()
             self._server = None
@@ -191,6 +193,12 @@ class Viewer:
         if self._server is None:
             raise RuntimeError("the viewer is not running; call start() first")
         return self._server
+
+
+def _hang_up(server: viser.ViserServer) -> None:
+    """Drop all clients without a farewell: viser would wait 10 s for each that has stopped reading."""
+    for connection in tuple(server._websock_server._live_connections.values()):
+        server.get_event_loop().call_soon_threadsafe(connection.transport.abort)
 
 
 @contextmanager
