@@ -1,12 +1,14 @@
 // What the driver holds and moves on this page, as one reading in the layout of a pad, and when it is sent.
 //
 // Hold-to-run: every on-screen drive control is its own dead-man, and so is the space bar for the keys.
+// Every press begins centred: keys that are down before the space bar do not count until they are pressed anew.
 // `end()` lets everything go; nothing resumes until it is pressed anew.
 
 const TICK_MS = 20; // 50 Hz while something is held or has just changed …
-const IDLE_TICKS = 10; // … else 5 Hz.
+const IDLE_TICKS = 5; // … else 10 Hz, so that nobody takes an idle page for a silent one.
 const RECENT_MS = 300;
 const CENTRE = [0, 0];
+const AT_REST = { left: CENTRE, right: CENTRE, lt: 0, rt: 0, buttons: [] };
 
 export class Driving {
   /** @param send called with each reading; @param show called when the reading changed */
@@ -18,6 +20,7 @@ export class Driving {
     this.pressed = new Map(); // on-screen control → its value
     this.letGo = []; // called by end(), so that the widgets let their pointers go
     this.last = "";
+    this.wasHeld = false;
     this.changedAt = -Infinity;
     this.ticks = 0;
     setInterval(() => this.#tick(), TICK_MS);
@@ -36,6 +39,7 @@ export class Driving {
 
   keyDown(code) {
     if (!this.enabled) return;
+    if (code === "Space") this.keys.clear();
     this.keys.add(code);
     this.#changed();
   }
@@ -58,7 +62,7 @@ export class Driving {
   }
 
   reading() {
-    if (!this.held) return { left: CENTRE, right: CENTRE, lt: 0, rt: 0, buttons: [], held: false };
+    if (!this.held) return { ...AT_REST, held: false };
     const key = (code) => (this.keys.has(code) ? 1 : 0);
     const on = (control) => (this.pressed.has(control) ? 1 : 0);
     const either = (control, code) => Math.max(on(control), key(code));
@@ -83,6 +87,8 @@ export class Driving {
     this.last = text;
     this.changedAt = performance.now();
     this.ticks = 0;
+    if (reading.held && !this.wasHeld) this.send({ ...AT_REST, held: true });
+    this.wasHeld = reading.held;
     this.send(reading);
     this.show(reading);
   }
@@ -97,8 +103,8 @@ export class Driving {
   }
 }
 
-/** A stick's position cut to the unit circle, in thousandths. */
+/** A stick's position cut to the unit circle, to thousandths. */
 export function inCircle(x, y) {
   const length = Math.max(1, Math.hypot(x, y));
-  return [Math.trunc((x / length) * 1000) / 1000, Math.trunc((y / length) * 1000) / 1000];
+  return [Math.round((x / length) * 1000) / 1000, Math.round((y / length) * 1000) / 1000];
 }

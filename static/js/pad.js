@@ -32,8 +32,8 @@ export class PadPicture {
     this.buttons = [...byId("pad-picture").querySelectorAll("[data-button]")];
   }
 
-  /** @param reading {left, right, lt, rt, buttons} */
-  show(pad, ownReading) {
+  /** `ownReading` is this page's; `hint` says what is missing for the pad to drive. */
+  show(pad, ownReading, hint = "") {
     const present = pad.connected && pad.name !== "";
     const reading = present ? pad.controls : ownReading;
     const held = !present && ownReading.held ? ["left_shoulder"] : [];
@@ -46,7 +46,7 @@ export class PadPicture {
     byId("pad-rt").setAttribute("width", (34 * reading.rt).toFixed(1));
     for (const button of this.buttons) button.classList.toggle("on", pressed.has(button.dataset.button));
     byId("pad-picture").classList.toggle("absent", !present);
-    const name = present ? pad.name : pad.name ? `${pad.name} is unplugged` : "No pad. Keys and screen drive.";
+    const name = present ? `${pad.name}${hint && `: ${hint}`}` : pad.name ? `${pad.name} is unplugged` : "No pad. Keys and screen drive.";
     setText(byId("pad-name"), name);
   }
 }

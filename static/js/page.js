@@ -133,7 +133,9 @@ function showFacts() {
   document.title = `${facts.title} · cobra-teleop`;
   setText(byId("title"), facts.title);
   byId("title").title = facts.summary ?? "";
-  setText(byId("versions"), Object.entries(facts.versions).map(([name, version]) => `${name} ${version}`).join(" · "));
+  const versions = Object.entries(facts.versions).map(([name, version]) => `${name} ${version}`);
+  setText(byId("versions"), versions[0] ?? "");
+  byId("versions").title = versions.join("\n");
   setText(byId("stick-right-name"), facts.sections.at(-1) ?? "tip");
   const choice = (kind, labels) => labels.map((label, i) => {
     const button = make("button", "", label);
@@ -168,7 +170,7 @@ function draw() {
   setText(byId("stick-left-name"), facts.sections[state.section] ?? "section");
   instruments.snapshot(state);
   tables.snapshot(state);
-  pad.show(state.pad, driving.reading());
+  pad.show(state.pad, driving.reading(), state.hints?.pad);
 }
 
 function showWho(phase) {
@@ -199,9 +201,19 @@ function showButtons(phase) {
   for (const button of document.querySelectorAll(".dock button")) button.disabled = off;
   byId("quit").disabled = off;
   document.querySelector(".dock").classList.toggle("off", off);
-  setText(byId("hold-word"), driving.held ? (phase === "driving" ? "Driving" : "Held") : "Hold to drive");
+  const drives = phase === "driving" && state.driver === link.page;
+  setText(byId("hold-word"), driving.held ? (drives ? "Driving" : "Held") : "Hold to drive");
+  // What is missing for this page to drive is said where it is tried.
+  const hint = state?.hints?.[link.page] ?? "";
+  setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
 tabs();
 byId("key-map").replaceChildren(...mapRows(KEY_MAP));
-showView({ stop });
+showView({
+  stop,
+  // A letting go that was meant for a control of this page but went to the 3D view.
+  pointerUp: () => {
+    if (driving.pressed.size > 0) driving.end();
+  },
+});

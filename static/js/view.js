@@ -6,7 +6,7 @@ import { byId } from "./format.js";
 const OTHER_NAME = { "127.0.0.1": "localhost", localhost: "127.0.0.1" };
 const ANSWER_MS = 2000;
 
-/** @param on {stop()} */
+/** @param on {stop(), pointerUp()} */
 export function showView(on) {
   const frame = byId("viewer");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
@@ -18,7 +18,11 @@ export function showView(on) {
     if (event.source !== frame.contentWindow) return;
     if (event.data?.viewer === "here") here = true;
     if (event.data?.viewer === "stop") on.stop();
-    if (event.data?.viewer === "done") window.focus();
+    if (event.data?.viewer === "up") on.pointerUp();
+    if (event.data?.viewer === "done") {
+      frame.blur();
+      window.focus();
+    }
   });
   if (other) {
     // Should that name lead elsewhere on this machine, the page's own does.
@@ -27,5 +31,22 @@ export function showView(on) {
     }, ANSWER_MS);
     frame.addEventListener("load", fallBack, { once: true });
   }
+  keepTheMouse(frame);
   frame.src = other ? `${location.protocol}//${other}:${location.port}${path}` : path;
+}
+
+/**
+ * A frame of another process takes the mouse as soon as it is above it, captured or not, and with it the letting go.
+ * So it is no target while the mouse is elsewhere on the page, nor while it drags from there.
+ */
+function keepTheMouse(frame) {
+  const away = (yes) => frame.classList.toggle("away", yes);
+  window.addEventListener("pointermove", (event) => {
+    if (event.pointerType !== "mouse") return;
+    if (!event.target.closest?.(".view")) away(true);
+    else if (event.buttons === 0) away(false);
+  }, true);
+  frame.parentElement.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "mouse") away(false); // fingers stay with the frame they began in
+  });
 }

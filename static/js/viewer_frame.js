@@ -17,8 +17,15 @@
   addEventListener("mousedown", (event) => {
     if (event.target instanceof HTMLCanvasElement) event.preventDefault();
   }, true);
-  // … and the panels give it back, unless somebody types in them.
-  addEventListener("pointerup", () => setTimeout(() => {
+  // … and what a click took is given back, unless somebody types in a panel.
+  const giveBack = () => {
     if (!document.activeElement?.matches("input, textarea, select, [contenteditable=true]")) tell("done");
-  }), true);
+  };
+  addEventListener("pointerup", () => {
+    tell("up");
+    setTimeout(giveBack);
+  }, true);
+  addEventListener("focus", () => setTimeout(() => {
+    if (document.activeElement === document.body) giveBack();
+  }, 100));
 })();

@@ -29,7 +29,7 @@ export function stateWord(phase) {
 
 /** Why it is in that state and what to do: the robot's own words where it gave any. */
 export function causeOf(phase, state) {
-  const own = ["offline", "gone", "silent"].includes(phase) ? "" : state.cause;
+  const own = ["offline", "silent"].includes(phase) ? "" : state.cause;
   if (own) return own.charAt(0).toUpperCase() + own.slice(1);
   if (phase === "disarmed" && state.reasons.length) return "The drives are off. What still prevents arming is listed beside Arm.";
   return STATES[phase][1];

@@ -1,9 +1,13 @@
-"""A console session for the front door's tests: a robot that stands still, and remembers all that it was told."""
+"""For the front door's tests: a robot that stands still and remembers all that it was told, and a page."""
 
+import json
 import math
 import threading
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, Self
+
+from websockets import Origin
+from websockets.sync.client import connect
 
 from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN, PAD_MAP
@@ -45,6 +49,7 @@ class FakeSession:
         snapshot: Any = {
             "phase": "ready",
             "cause": "",
+            "hints": {},
             "reasons": [],
             "homed": True,
             "link": {"ok": True, "robot": True, "age_ms": 6.2},
@@ -129,3 +134,67 @@ class FakeSession:
     @property
     def requests(self) -> list[str]:
         return [what for _, what, _ in self.acts]
+
+
+class PageClient:
+    """The page's websocket as a hostile or honest program would speak it."""
+
+    def __init__(self, port: int) -> None:
+        self._connection = connect(f"ws://127.0.0.1:{port}/ws", origin=Origin(f"http://127.0.0.1:{port}"))
+        self.welcome = self.next("welcome")
+        self.snapshot = self.next("snapshot")
+        self.sequence = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._connection.close()
+
+    def send_raw(self, data: str | bytes) -> None:
+        self._connection.send(data)
+
+    def send(self, message: dict[str, Any]) -> None:
+        self.send_raw(json.dumps(message))
+
+    def next(self, kind: str) -> dict[str, Any]:
+        """The next message of a kind; others on the way are passed over, but the newest snapshot is kept."""
+        while True:
+            message = json.loads(self._connection.recv(10))
+            if message["type"] == "snapshot":
+                self.snapshot = message
+            if message["type"] == kind:
+                return message
+
+    def read_until_closed(self) -> None:
+        """Read on until the server closes."""
+        while True:
+            self.next("snapshot")
+
+    def controls(self, **changes: Any) -> dict[str, Any]:
+        """A valid message at rest, with changes; the next sequence number and the newest stamp unless given."""
+        self.sequence += 1
+        return {
+            "type": "controls",
+            "seq": self.sequence,
+            "stamp": 1.0,
+            "echo": self.next("snapshot")["stamp"],
+            "left": [0, 0],
+            "right": [0, 0],
+            "lt": 0,
+            "rt": 0,
+            "buttons": [],
+            "held": False,
+            **changes,
+        }
+
+    def drive(self, **changes: Any) -> None:
+        self.send(self.controls(**changes))
+
+    def settle(self) -> None:
+        """Until everything sent so far has been taken."""
+        self.send({"type": "ping", "stamp": 5.0})
+        assert self.next("pong")["stamp"] == 5.0
