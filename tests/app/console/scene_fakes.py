@@ -93,12 +93,15 @@ def elongating() -> RobotDescription:
 class ViserClient:
     """A browser's side of viser's websocket: takes part as a viewer, and remembers what it was sent."""
 
-    def __init__(self, port: int, width: int = 1600) -> None:
+    def __init__(self, port: int, width: int = 1600, inbox: int = 1000) -> None:
+        """`inbox`: windows of messages that wait here unread before the server has to."""
         self._socket = connect(
             f"ws://127.0.0.1:{port}",
             subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
             compression=None,
             max_size=None,
+            max_queue=inbox,
+            close_timeout=0.1,
         )
         self.messages: list[dict[str, Any]] = []
         self.received_bytes = 0

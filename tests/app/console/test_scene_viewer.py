@@ -146,6 +146,24 @@ def test_it_listens_on_loopback_only_and_stops_completely(robot):
         socket.create_connection(("127.0.0.1", port), timeout=1.0)
 
 
+def test_a_viewer_that_has_stopped_reading_does_not_hold_up_the_end():
+    drawn = []
+
+    def moving():
+        drawn.append(state_of(t=0.01 * len(drawn)))
+        return drawn[-1]
+
+    viewer = Viewer(COBRA, moving, rate_Hz=100.0)
+    viewer.start()
+    with ViserClient(viewer.port, inbox=1):
+        wait_until(lambda: viewer.viewers == 1)
+        joined = len(drawn)
+        wait_until(lambda: len(drawn) > joined + 60)
+        thread = viewer._running()._websock_server._server_thread
+        viewer.stop()
+        assert not thread.is_alive()
+
+
 def test_nothing_is_printed(robot, capsys):
     viewer = Viewer(COBRA, robot.latest)
     viewer.start()
