@@ -25,6 +25,7 @@ class FakeSession:
         self.acts: list[tuple[str, str, int | None]] = []
         self.ended: list[str] = []
         self.changes: dict[str, Any] = {}
+        self.before_snapshot: Callable[[], None] = lambda: None
         self.answer: Callable[[str, int | None], Answer | Awaitable[Answer]] = lambda what, value: Answer(
             ok=True, reasons=[]
         )
@@ -46,6 +47,7 @@ class FakeSession:
         }
 
     def snapshot(self) -> Snapshot:
+        self.before_snapshot()
         snapshot: Any = {
             "phase": "ready",
             "cause": "",
@@ -177,11 +179,12 @@ class PageClient:
     def controls(self, **changes: Any) -> dict[str, Any]:
         """A valid message at rest, with changes; the next sequence number and the newest stamp unless given."""
         self.sequence += 1
+        echo = changes["echo"] if "echo" in changes else self.next("snapshot")["stamp"]
         return {
             "type": "controls",
             "seq": self.sequence,
             "stamp": 1.0,
-            "echo": self.next("snapshot")["stamp"],
+            "echo": echo,
             "left": [0, 0],
             "right": [0, 0],
             "lt": 0,

@@ -25,6 +25,7 @@ MAX_MESSAGE_BYTES = 4096
 SNAPSHOT_PERIOD_S = 0.05
 SILENCE_S = 0.2
 """A page that drives and is not heard for this long is released."""
+LAST_LOOK_S = 0.01
 MAX_ECHO_AGE_S = 0.5
 """A page that shows an older picture than this, or whose messages were on their way this long, cannot drive."""
 MAX_REQUESTS = 16
@@ -227,7 +228,11 @@ class _Page:
         if self._silence is not None:
             self._silence.cancel()
         loop = asyncio.get_running_loop()
-        self._silence = None if within_s is None else loop.call_later(within_s, self._fell_silent)
+        self._silence = None if within_s is None else loop.call_later(within_s, self._seems_silent)
+
+    def _seems_silent(self) -> None:
+        # When this thread itself was held up, the timer goes off before the sockets are read: read them first.
+        self._silence = asyncio.get_running_loop().call_later(LAST_LOOK_S, self._fell_silent)
 
     def _fell_silent(self) -> None:
         self._must_release = True

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import threading
+import time
 from typing import Any
 
 import pytest
@@ -10,7 +12,7 @@ from websockets.exceptions import ConnectionClosed
 from app.console.front_door import FrontDoor
 from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN
-from app.console.page_socket import MAX_REQUESTS
+from app.console.page_socket import MAX_REQUESTS, SILENCE_S
 from app.console.page_state import Answer
 from tests.page_fakes import FakeSession, PageClient
 
@@ -83,6 +85,23 @@ def test_a_page_that_falls_silent_while_it_drives_is_released(
     page.settle()
     assert not session.held, "it must let go before it may drive again"
     press(page, session)
+
+
+def test_a_stall_of_the_server_itself_is_no_silence_of_the_page(page: PageClient, session: FakeSession) -> None:
+    stalled = threading.Event()
+
+    def stall() -> None:
+        session.before_snapshot = lambda: None
+        stalled.set()
+        time.sleep(1.5 * SILENCE_S)
+
+    press(page, session)
+    session.before_snapshot = stall
+    assert stalled.wait(10)
+    page.drive(held=True, echo=page.snapshot["stamp"])  # waits in the socket while the server's thread is held up
+    page.settle()
+    assert session.held
+    assert session.ended == []
 
 
 def test_malformed_messages_do_not_count_as_a_sign_of_life(page: PageClient, session: FakeSession) -> None:
