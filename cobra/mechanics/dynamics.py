@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from cobra.errors import OperatorError
 from cobra.mechanics.chain import (
     Floats,
     SrcBotParameters,
@@ -24,13 +25,12 @@ from cobra.mechanics.kernels.marching import march
 from cobra.mechanics.kernels.published import COLUMNS as PUBLISHED_COLUMNS
 from cobra.mechanics.kernels.published import march_published
 from cobra.mechanics.published import chain_coordinates, polar_coordinates
-from cobra.mechanics.schedule import Schedule
+from cobra.mechanics.schedule import Cables, CommandKind, Load, Schedule
 
 Formulation = Literal["chain", "published"]
-CommandKind = Literal["forces", "lengths"]
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
-DEFAULT_STEP_S = 0.625e-3
+DEFAULT_STEP_S = 0.8e-3
 """Second order: within 0.05 mm of a tenth of it in the paper's case (tests/benchmarks/test_dynamics.py)."""
 RECORD_S = 0.01
 MARKS_A_CALL = 100
@@ -45,7 +45,7 @@ _COMPLAINTS = {
 }
 
 
-class SimulationError(RuntimeError):
+class SimulationError(OperatorError):
     """The motion blew up. The message says when and in which segment."""
 
     def __init__(self, verdict: int, segment: int, time_s: float) -> None:
@@ -54,22 +54,6 @@ class SimulationError(RuntimeError):
             f"the simulation blew up at t = {time_s:.6g} s: segment {segment} {_COMPLAINTS[verdict]}; "
             "smaller forces, more damping or a smaller step would help"
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Cables:
-    """What the motors do: forces [N] or cable lengths L_d [m], values (times, cables)."""
-
-    schedule: Schedule
-    kind: CommandKind = "forces"
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """An external force [N] on guider 1 … n in the axes of the base, values (times, 3)."""
-
-    guider: int
-    force: Schedule
 
 
 @dataclass(frozen=True)
@@ -252,8 +236,8 @@ def simulate(
     n, k = parameters.segments, len(parameters.cable_azimuths_deg)
     _check(n, k, cables, loads, duration_s, step_s, record_s)
     chain = Chain(parameters) if start is None else start
-    marks = _marks(duration_s, record_s, [cables.schedule, *(load.force for load in loads)])
-    commands = np.ascontiguousarray(cables.schedule.over(marks))
+    marks = _marks(duration_s, record_s, [*cables.schedules, *(load.force for load in loads)])
+    commands = cables.over(marks)
     forces = np.zeros((len(marks) - 1, 2, n, 3))
     for load in loads:
         forces[:, :, load.guider - 1] += load.force.over(marks)
@@ -334,13 +318,15 @@ def _check(
     for name, value in (("duration_s", duration_s), ("step_s", step_s), ("record_s", record_s)):
         if not (np.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} = {value:g}: must be a positive number of seconds")
-    values = cables.schedule.values
-    if values.shape[1:] != (k,):
-        raise ValueError(f"cable {cables.kind} have the shape {values.shape[1:]}; there are {k} cables")
-    if (values < 0.0).any():
-        raise ValueError(f"cable {cables.kind}: {values.min():g} is negative, but a cable can only pull")
-    if cables.kind == "lengths" and cables.schedule.time_s[0] > 0.0:
-        raise ValueError("cable lengths must be given from 0 s on")
+    if len(cables.schedules) != k:
+        raise ValueError(f"{len(cables.schedules)} cable {cables.kind} for {k} cables")
+    for j, schedule in enumerate(cables.schedules):
+        if schedule.values.ndim != 1:
+            raise ValueError(f"the {cables.kind} of cable {j + 1} must be one number for each time")
+        if min(schedule.values.min(), schedule.before) < 0.0:
+            raise ValueError(f"a negative value among the {cables.kind} of cable {j + 1}: a cable can only pull")
+        if cables.kind == "lengths" and schedule.time_s[0] > 0.0 and schedule.before == 0.0:
+            raise ValueError(f"the length of cable {j + 1} must be given from 0 s on")
     for load in loads:
         if not 1 <= load.guider <= n:
             raise ValueError(f"there is no guider {load.guider}; they are numbered 1 (base) to {n} (top)")
