@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from cobra.kinematics import kernels, section
 from cobra.kinematics.backbone import Backbone, in_tip_frame
 from cobra.kinematics.compiled import CompiledKinematics
 from cobra.kinematics.configuration import FEED, TWIST
@@ -46,10 +47,10 @@ def samples(backbone, seed=0, bend=1.2):
         q = layout.rest()
         q[TWIST] = rng.uniform(-3, 3)
         q[FEED] = rng.uniform(0.0, 1.4 * backbone.active_length_m)
-        for where, index, section in zip(layout.bends, layout.lengths, layout.description.sections, strict=True):
+        for where, index, part in zip(layout.bends, layout.lengths, layout.description.sections, strict=True):
             q[where] = rng.normal(size=2) * bend * (k % 4 != 0)
             if index is not None:
-                q[index] = rng.uniform(*section.elongation.range_m)
+                q[index] = rng.uniform(*part.elongation.range_m)
         yield q
 
 
@@ -190,20 +191,16 @@ def test_the_compiled_kinematics_are_the_reference(robot):
 
 @pytest.mark.parametrize("theta", [0.0, 1e-8, 1e-3, 0.1, 0.3, 0.316, 0.317, 1.0, 3.0, 7.0])
 def test_the_compiled_coefficients_are_the_reference(theta):
-    from cobra.kinematics import compiled, section
-
-    np.testing.assert_allclose(compiled.coefficients(theta**2), section.coefficients(theta**2), rtol=3e-15)
+    np.testing.assert_allclose(kernels.coefficients(theta**2), section.coefficients(theta**2), rtol=3e-15)
 
 
 def test_compiling_never_happens_while_driving(cobra):
     """A read-only or strided q must not make numba compile anew, for seconds, in the middle of a motion."""
-    from cobra.kinematics import compiled
-
     tick = CompiledKinematics(cobra)
     tick.warm_up()
-    before = len(compiled._tick.signatures)
+    before = len(kernels.tick.signatures)
     frozen = tick.rest.copy()
     frozen.flags.writeable = False
     for q in (frozen, np.zeros((8, 2))[:, 0], tuple(frozen), frozen.astype(np.float32)):
         tick(q)
-    assert len(compiled._tick.signatures) == before
+    assert len(kernels.tick.signatures) == before
