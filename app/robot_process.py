@@ -15,6 +15,7 @@ from app import runtime
 from app.link import RobotLink
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
+from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import Bus, RobotDescription
 from cobra.loading import description_text, load_description
 from cobra.messages import Meta
@@ -51,6 +52,7 @@ def run_robot(
         DescriptionError, LinkError, BusError: with one clear line.
     """
     description = _with_twin(robot, twin)
+    ask_for_realtime(OTHERS_PRIORITY)
     endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
     clock = SystemClock()
     link = RobotLink(description.name, endpoint, _meta(robot))

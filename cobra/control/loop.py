@@ -19,7 +19,7 @@ from cobra.control.final_action import FinalAction
 from cobra.control.inbox import Inbox
 from cobra.control.limits import DriveLimits
 from cobra.control.motion import SectionMotion
-from cobra.control.realtime import ask_for_realtime
+from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import drives_report, health_of
 from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.timing import LoopTiming
@@ -104,7 +104,7 @@ class RobotLoop:
 
     def run(self, until: threading.Event) -> None:
         """Tick at the fixed rate until told to stop. Missed deadlines are skipped, not made up for."""
-        self._timing.realtime = ask_for_realtime()
+        self._timing.realtime = ask_for_realtime(LOOP_PRIORITY)
         gc.collect()
         gc.freeze()
         deadline = self.clock.now()
