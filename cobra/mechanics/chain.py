@@ -131,19 +131,36 @@ def guider_frames(q: ArrayLike) -> Floats:
     return _frames(np.asarray(q, dtype=np.float64))
 
 
+def backbone_frames(q: ArrayLike, pieces: int = 8) -> Floats:
+    """Frames along the arcs (..., n · pieces + 1, 4, 4), `pieces` to a chamber, from the base to the top guider."""
+    q = np.asarray(q, dtype=np.float64)
+    share = np.linspace(0.0, 1.0, pieces, endpoint=False)
+    along = _steps(q[..., None, :] * share[:, None])
+    frames = guider_frames(q)
+    inside = frames[..., :-1, None, :, :] @ along
+    flat = inside.reshape(*q.shape[:-2], q.shape[-2] * pieces, 4, 4)
+    return np.concatenate([flat, frames[..., -1:, :, :]], axis=-3)
+
+
 def _frames(q: NDArray[Any]) -> NDArray[Any]:
     """As `guider_frames`, also for complex q."""
-    here = np.zeros((*q.shape[:-1], 4, 4), dtype=q.dtype)
-    cos, sin, one = np.cos(q[..., 2]), np.sin(q[..., 2]), np.ones_like(q[..., 2])
-    zero = np.zeros_like(one)
-    twist = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(*q.shape[:-1], 3, 3)
-    here[..., :3, :3] = rotation(q[..., :2]) @ twist
-    here[..., :3, 3] = translation(q[..., :2], q[..., 3])
-    here[..., 3, 3] = 1.0
+    here = _steps(q)
     out = np.empty((*q.shape[:-2], q.shape[-2] + 1, 4, 4), dtype=q.dtype)
     out[..., 0, :, :] = np.eye(4)
     for i in range(q.shape[-2]):
         out[..., i + 1, :, :] = out[..., i, :, :] @ here[..., i, :, :]
+    return out
+
+
+def _steps(q: NDArray[Any]) -> NDArray[Any]:
+    """From guider to guider (..., 4, 4): [R(b) Rz(ψ), t; 0 1]."""
+    out = np.zeros((*q.shape[:-1], 4, 4), dtype=q.dtype)
+    cos, sin, one = np.cos(q[..., 2]), np.sin(q[..., 2]), np.ones_like(q[..., 2])
+    zero = np.zeros_like(one)
+    twist = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(*q.shape[:-1], 3, 3)
+    out[..., :3, :3] = rotation(q[..., :2]) @ twist
+    out[..., :3, 3] = translation(q[..., :2], q[..., 3])
+    out[..., 3, 3] = 1.0
     return out
 
 

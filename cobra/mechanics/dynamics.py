@@ -244,7 +244,7 @@ def simulate(
     run = (
         _chain_runner(chain, cables.kind, step_s, tolerance_m)
         if formulation == "chain"
-        else _published_runner(chain, cables.kind, step_s)
+        else _published_runner(chain, cables.kind, step_s, _first_plane(chain, cables.kind, commands, forces))
     )
     parts, steps = [], 0
     for first in range(0, len(marks) - 1, MARKS_A_CALL):
@@ -282,26 +282,59 @@ def _chain_runner(chain: Chain, kind: CommandKind, step_s: float, tolerance_m: f
     return run
 
 
-def _published_runner(chain: Chain, kind: CommandKind, step_s: float) -> _Run:
+def _published_runner(chain: Chain, kind: CommandKind, step_s: float, plane: float) -> _Run:
+    """The printed φ are twists from the plane in which the robot begins to bend, the rotation of the bottom guider."""
     p = chain.parameters
     state = np.zeros((p.segments, PUBLISHED_COLUMNS))
     state[:, :3] = polar_coordinates(chain.q)
+    state[0, 1] = 0.0
     rope = np.stack([chain.tensions_N, cable_lengths(p, chain.q)])
-    azimuths, radius = np.radians(p.cable_azimuths_deg), 0.5 * p.cable_circle_diameter_m
+    azimuths, radius = np.radians(p.cable_azimuths_deg) - plane, 0.5 * p.cable_circle_diameter_m
+    turn = np.array([[np.cos(plane), -np.sin(plane), 0.0], [np.sin(plane), np.cos(plane), 0.0], [0.0, 0.0, 1.0]])
+    gravity = np.asarray(p.gravity_m_s2) @ turn
+    constants = p.constants._replace(gravity_x=gravity[0], gravity_y=gravity[1], gravity_z=gravity[2])
 
     def run(marks: Floats, commands: Floats, forces: Floats) -> tuple[Floats, Floats, Floats, Floats, int]:
         states = np.empty((len(marks), *state.shape))
         tensions = np.empty((len(marks), len(azimuths)))
         states[0], tensions[0] = state, rope[layout.TENSION]
         verdict, segment, time, steps = march_published(
-            p.constants, azimuths, radius, _KINDS[kind], step_s, marks, commands, forces, state, rope, states, tensions
+            constants,
+            azimuths,
+            radius,
+            _KINDS[kind],
+            step_s,
+            marks,
+            commands,
+            forces @ turn,
+            state,
+            rope,
+            states,
+            tensions,
         )
         if verdict != layout.FINE:
             raise SimulationError(verdict, segment + 1, time)
+        polar = states[..., :3].copy()
+        polar[:, 0, 1] += plane
         flags = np.zeros((len(marks), p.segments, 2))
-        return chain_coordinates(states[..., :3]), states[..., 3:6], tensions, flags, steps
+        return chain_coordinates(polar), states[..., 3:6], tensions, flags, steps
 
     return run
+
+
+def _first_plane(chain: Chain, kind: CommandKind, commands: Floats, forces: Floats) -> float:
+    """Direction [rad] in which the robot bends at first: that of its posture, else of the cables' first moment, else of the
+    first force across."""
+    q = chain.q
+    if np.hypot(q[0, 0], q[0, 1]) > 0.0:
+        return float(polar_coordinates(q)[0, 1])
+    sides = chain.parameters.cable_matrix[:, :2] * (1.0 if kind == "lengths" else -1.0)
+    for pushes in (commands.reshape(-1, commands.shape[-1]) @ sides, forces[..., :2].sum(axis=2).reshape(-1, 2)):
+        sizes = np.hypot(pushes[:, 0], pushes[:, 1])
+        if sizes.max() > 0.0:
+            x, y = pushes[np.argmax(sizes > 1e-9 * sizes.max())]
+            return float(np.arctan2(y, x))
+    return 0.0
 
 
 def _marks(duration_s: float, record_s: float, schedules: Sequence[Schedule]) -> Floats:
