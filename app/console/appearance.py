@@ -60,8 +60,9 @@ SERIES_COLORS: tuple[Rgb, ...] = (
 def tension_colors(tensions: Floats, max_tension_N: float) -> Colors:
     """Colours (n, 3) of tensions (n,) [N]; grey where a tension is not known."""
     share = np.clip(tensions / max_tension_N, 0.0, 1.0)
-    places, colors = zip(*_TENSION_STOPS, strict=True)
-    ramp = np.stack([np.interp(share, places, channel) for channel in np.array(colors, dtype=float).T], axis=-1)
+    places = np.array([place for place, _ in _TENSION_STOPS])
+    colors = np.array([color for _, color in _TENSION_STOPS], dtype=float)
+    ramp = np.stack([np.interp(share, places, channel) for channel in colors.T], axis=-1)
     return np.where(np.isfinite(tensions)[:, None], ramp, STALE).round().astype(np.uint8)
 
 

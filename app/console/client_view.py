@@ -4,6 +4,7 @@ All of it belongs to one client of viser, so nobody changes another's view.
 """
 
 import threading
+from collections.abc import Callable
 
 import viser
 
@@ -47,7 +48,7 @@ class ClientView:
             mode.on_update(lambda _: self._look_from_tip(mode.value == TIP))
             for part, (_, label) in PARTS.items():
                 box = gui.add_checkbox(label, True)
-                box.on_update(lambda event, part=part: self._want(part, event.target.value))
+                box.on_update(self._box_changed(part))
         with self._panels.plot_tab:
             titles = [channel.title for channel in self._history.channels]
             self._choice = gui.add_dropdown("last 20 s", titles)
@@ -89,6 +90,9 @@ class ClientView:
             self._client.camera.position = position
             self._client.camera.look_at = look_at
             self._client.camera.up_direction = up
+
+    def _box_changed(self, part: str) -> Callable[[viser.GuiEvent[viser.GuiCheckboxHandle]], None]:
+        return lambda event: self._want(part, event.target.value)
 
     def _want(self, part: str, wanted: bool) -> None:
         with self._changing:

@@ -12,6 +12,11 @@ CREASE_RAD = 0.5
 """A corner that turns more is an edge, one that turns less is part of a rounding."""
 
 
+def single(values: Floats) -> NDArray[np.float32]:
+    """As viser sends geometry: single precision."""
+    return values.astype(np.float32)
+
+
 def unit_circle(sides: int) -> Floats:
     """(sides, 3) points of the unit circle about +z, from +x towards +y."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)

@@ -11,7 +11,7 @@ import viser
 
 from app.console import appearance
 from app.console.body import Body, Pose
-from app.console.meshes import Floats, lathe
+from app.console.meshes import Floats, lathe, single
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
 from cobra.messages import RobotState
@@ -84,7 +84,7 @@ class Scene:
                 self._draw(self.body.pose(measured), state.stamp)
             self._ghost.visible = commanded is not None
             if commanded is not None and state.commanded != self._commanded:
-                self._ghost.vertices = self.body.tube(commanded, GHOST_SCALE)
+                self._ghost.vertices = single(self.body.tube(commanded, GHOST_SCALE))
             self._commanded = state.commanded
             known = state.homed and measured is not None
             if not known:
@@ -119,12 +119,13 @@ class Scene:
         return np.array([state.drives.load[i] for i in self._description.tendon_drives], dtype=float)
 
     def _draw(self, pose: Pose, stamp: float) -> None:
-        self._tube.vertices = pose.tube
-        self._vertebrae.batched_positions = pose.vertebrae
-        self._vertebrae.batched_wxyzs = pose.vertebrae_wxyz
+        self._tube.vertices = single(pose.tube)
+        self._vertebrae.batched_positions = single(pose.vertebrae)
+        self._vertebrae.batched_wxyzs = single(pose.vertebrae_wxyz)
         if self._tendons is not None:
-            self._tendons.points = pose.tendons
-        self._axes.points, self._cone.vertices = self._axes_points(pose), self._cone_vertices(pose)
+            self._tendons.points = single(pose.tendons)
+        self._axes.points = single(self._axes_points(pose))
+        self._cone.vertices = single(self._cone_vertices(pose))
         self.tip_position, self.tip_rotation = pose.tip_position, pose.tip_rotation
         if self._trail and stamp < self._trail[-1][0]:
             self._trail.clear()  # another run of the robot process
