@@ -146,7 +146,9 @@ class Observer:
             wait_for(what, lambda: condition(self.state), timeout_s)
         except AssertionError as error:
             state, events = self.state, [event.text for event in self.link.events]
-            raise AssertionError(f"{error}; it is {state.phase}: {state.cause} {state.reasons}, after {events}") from None
+            raise AssertionError(
+                f"{error}; it is {state.phase}: {state.cause} {state.reasons}, after {events}"
+            ) from None
         return self.state
 
     def truth(self) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import getpass
 import logging
 import os
 import signal
@@ -89,7 +90,7 @@ class Console:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
         pilot = Pilot(description, clock)
-        driver = Driver(f"console {os.getpid()}", pilot, lambda: robot.link, clock, robot.warn)
+        driver = Driver(getpass.getuser(), pilot, lambda: robot.link, clock, robot.warn)
 
         def pad_changed(controls: Controls) -> None:
             pilot.update(PAD, controls)
