@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import re
 import socket
 import threading
 from collections import Counter
@@ -43,13 +44,21 @@ POLICY = "; ".join(
 )
 """The operator's page runs and shows only what comes from here, and nobody can frame it under false buttons."""
 
+_COUNTING = re.compile(r"[0-9]{1,9}")
+
 
 def static_folder() -> Path:
-    """Where the pages lie: inside the installed package, else beside it in a checkout."""
+    """Where the pages lie: inside the installed package, else beside it in a checkout.
+
+    Raises:
+        FileNotFoundError: in neither place.
+    """
     package = Path(__file__).resolve().parents[1]
-    return next(
-        folder for folder in (package / "static", package.parent / "static") if (folder / "index.html").is_file()
-    )
+    places = (package / "static", package.parent / "static")
+    for folder in places:
+        if (folder / "index.html").is_file():
+            return folder
+    raise FileNotFoundError(f"the pages are missing: there is no index.html in {places[0]} nor in {places[1]}")
 
 
 class FrontDoor:
@@ -90,14 +99,15 @@ class FrontDoor:
         """Listen and serve. When this returns, browsers can connect.
 
         Raises:
-            OSError: the port is taken or the address is not ours.
+            OSError: the port is taken, the address is not ours, or the pages' files are missing.
         """
+        application = self._application()
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         listener = socket.create_server((self.host, self.port), family=family)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.port = listener.getsockname()[1]
         config = uvicorn.Config(
-            self._application(),
+            application,
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -164,8 +174,9 @@ class FrontDoor:
 
     async def _stop_by_post(self, request: Request) -> Response:
         """STOP's second way: a page takes both at once, in case its websocket is dead without knowing it."""
-        number = request.query_params.get("page", "")
-        return JSONResponse(await self._pages.ask(f"page {number}" if number.isdecimal() else "a page", "stop"))
+        page, press = (request.query_params.get(name, "") for name in ("page", "press"))
+        who = f"page {page}" if _COUNTING.fullmatch(page) else "a page"
+        return JSONResponse(await self._pages.stop(who, int(press) if _COUNTING.fullmatch(press) else None))
 
 
 class _Doorkeeper:

@@ -8,7 +8,7 @@ import asyncio
 import inspect
 import logging
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Awaitable, Callable
 from itertools import count
 from typing import Annotated, Any, Literal, Protocol
@@ -94,6 +94,7 @@ class PageSocket:
         self.counts: Counter[str] = Counter()
         self.pages = 0
         self._names = (f"page {number}" for number in count(1))
+        self._stops: deque[tuple[str, int | None]] = deque(maxlen=32)
         self._snapshot = ""
         self._snapshot_at = float("-inf")
 
@@ -124,6 +125,15 @@ class PageSocket:
             _log.exception("the request %r of %s failed", what, who)
             self.counts["request failed"] += 1
             return Answer(ok=False, reasons=[f"the console failed: {error}"])
+
+    async def stop(self, who: str, press: int | None) -> Answer:
+        """STOP. A page sends each press by two ways, in case one is dead; obeyed once, it counts as one."""
+        if press is not None and (who, press) in self._stops:
+            return Answer(ok=True, reasons=[])
+        answer = await self.ask(who, "stop")
+        if answer["ok"]:
+            self._stops.append((who, press))
+        return answer
 
     async def _tell(self, page: "_Page", websocket: WebSocket) -> None:
         await websocket.send_text(_text({**self.session.welcome(), "type": "welcome", "page": page.name}))
@@ -240,7 +250,10 @@ class _Page:
         self._socket.session.gone(self.name)
 
     async def _answer(self, message: _Act) -> None:
-        answer = await self._socket.ask(self.name, message.what, message.value)
+        if message.what == "stop":
+            answer = await self._socket.stop(self.name, message.id)
+        else:
+            answer = await self._socket.ask(self.name, message.what, message.value)
         self._requests -= 1
         await self._websocket.send_text(_text({**answer, "type": "reply", "id": message.id}))
 

@@ -45,6 +45,7 @@ export class Link {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/ws`);
     this.socket = socket;
+    this.sequence = 0;
     socket.onmessage = (event) => {
       if (socket === this.socket) this.#take(JSON.parse(event.data));
     };
@@ -66,7 +67,6 @@ export class Link {
     switch (message.type) {
       case "welcome":
         this.page = message.page;
-        this.sequence = 0;
         this.retryMs = 250;
         this.on.welcome(message);
         break;

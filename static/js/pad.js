@@ -29,6 +29,7 @@ const PICTURE = `
 export class PadPicture {
   constructor() {
     byId("pad-picture").innerHTML = PICTURE;
+    this.seen = "";
     this.buttons = [...byId("pad-picture").querySelectorAll("[data-button]")];
   }
 
@@ -46,7 +47,8 @@ export class PadPicture {
     byId("pad-rt").setAttribute("width", (34 * reading.rt).toFixed(1));
     for (const button of this.buttons) button.classList.toggle("on", pressed.has(button.dataset.button));
     byId("pad-picture").classList.toggle("absent", !present);
-    const name = present ? `${pad.name}${hint && `: ${hint}`}` : pad.name ? `${pad.name} is unplugged` : "No pad. Keys and screen drive.";
-    setText(byId("pad-name"), name);
+    if (present) this.seen = pad.name;
+    const absent = this.seen ? `${this.seen} is unplugged.` : "No pad. Keys and screen drive.";
+    setText(byId("pad-name"), present ? `${pad.name}${hint && `: ${hint}`}` : absent);
   }
 }

@@ -66,8 +66,7 @@ async function ask(what, value = null) {
 /** STOP goes two ways at once, in case one of them is dead without knowing it. */
 function stop() {
   ask("stop");
-  const page = link.page.replace(/\D/g, "");
-  fetch(`/stop?page=${page}`, { method: "POST", keepalive: true }).catch(() => {
+  fetch(`/stop?page=${link.page.replace(/\D/g, "")}&press=${link.requestId}`, { method: "POST", keepalive: true }).catch(() => {
     if (!link.connected) showAnswer("STOP did not reach the console. The robot holds when its driver is lost.");
   });
   driving.end();
@@ -175,6 +174,7 @@ function draw() {
 
 function showWho(phase) {
   setText(byId("driver"), state.lease.holder || "nobody");
+  byId("driver").title = state.lease.holder;
   const input = { "": "none", [link.page]: "this page" }[state.driver] ?? state.driver;
   setText(byId("input"), input);
   const age = state.link.robot ? `${figure(state.link.age_ms)} ms` : "gone";

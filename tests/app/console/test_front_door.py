@@ -99,17 +99,36 @@ def test_a_websocket_of_a_foreign_page_is_refused(
 
 
 def test_stop_can_be_posted_when_the_websocket_is_dead(door: FrontDoor, session: FakeSession) -> None:
-    status, _, text = ask(door, "/stop?page=3", "POST", Origin=f"http://127.0.0.1:{door.port}")
+    status, _, text = ask(door, "/stop?page=3&press=1", "POST", Origin=f"http://127.0.0.1:{door.port}")
     assert (status, json.loads(text)) == (200, {"ok": True, "reasons": []})
     assert session.acts == [("page 3", "stop", None)]
+
+
+def test_one_press_of_stop_that_comes_by_both_ways_counts_once(door: FrontDoor, session: FakeSession) -> None:
+    with PageClient(door.port) as page:
+        for press in (7, 8):
+            page.send({"type": "act", "id": press, "what": "stop"})
+            assert page.next("reply")["ok"]
+            assert json.loads(ask(door, f"/stop?page=1&press={press}", "POST")[2])["ok"]
+    assert session.acts == [("page 1", "stop", None)] * 2
+
+
+def test_a_stop_that_failed_by_one_way_is_tried_again_by_the_other(door: FrontDoor, session: FakeSession) -> None:
+    session.answer = lambda what, value: {"ok": False, "reasons": ["no robot"]}
+    with PageClient(door.port) as page:
+        page.send({"type": "act", "id": 7, "what": "stop"})
+        assert not page.next("reply")["ok"]
+        assert not json.loads(ask(door, "/stop?page=1&press=7", "POST")[2])["ok"]
+    assert session.acts == [("page 1", "stop", None)] * 2
 
 
 def test_anybody_on_this_machine_may_stop_but_no_foreign_page(door: FrontDoor, session: FakeSession) -> None:
     assert ask(door, "/stop", "POST", Origin="http://evil.example")[0] == 403
     assert ask(door, "/stop")[0] == 405
     assert session.acts == []
-    assert ask(door, "/stop?page=<script>", "POST")[0] == 200
-    assert session.acts == [("a page", "stop", None)]
+    for nonsense in ("", "?page=<script>", f"?page={'9' * 5000}&press={'9' * 5000}", "?page=%00&press=-1"):
+        assert ask(door, f"/stop{nonsense}", "POST")[0] == 200
+    assert session.acts == [("a page", "stop", None)] * 4, "nothing about the wording of a STOP can prevent it"
 
 
 def test_a_taken_port_is_an_error_at_start(door: FrontDoor, session: FakeSession) -> None:
