@@ -112,7 +112,9 @@ class SrcBotParameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         )
 
 
-GIVEN = frozenset({"segments", "bending_stiffness_Nm2", "torsional_stiffness_Nm2", "axial_stiffness_N_m"})
+GIVEN = frozenset(
+    {"segments", "cable_azimuths_deg", "bending_stiffness_Nm2", "torsional_stiffness_Nm2", "axial_stiffness_N_m"}
+)
 """Fields of `SrcBotParameters` whose defaults the paper states; all others are assumed."""
 
 

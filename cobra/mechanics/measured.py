@@ -14,6 +14,10 @@ from cobra.mechanics.dynamics import Motion
 
 COLUMN = re.compile(r"(?:([xyz])(\d+)_(mm|m)|tilt_([xy])(\d+)_(deg|rad))\Z")
 """x3_mm: position of guider 3; tilt_x3_deg: tilt of its axis towards x. As the simulation writes them."""
+OURS = re.compile(
+    r"(bend_[xy]|twist|length|locked)\d+(_deg|_m)?\Z|cable\d+_(top_N|motor_N|length_m)\Z|load_[xyz]\d+_N\Z"
+)
+"""Columns that a simulation writes besides these; they are passed over."""
 FARTHEST = 3.0
 NEAREST = 0.01
 """Positions beyond the first, or all under the second, in lengths of the robot, are in another unit than declared."""
@@ -65,7 +69,8 @@ def read_measured(path: Path, parameters: SrcBotParameters, *, skip_bad_rows: bo
         raise MeasuredError(f"{path}: is empty; it must begin with a row of column names")
     names = [name.strip() for name in rows[0]]
     places = _places(path, names, parameters.segments)
-    good, skipped = [], 0
+    good: list[list[float]] = []
+    skipped = 0
     for number, row in enumerate(rows[1:], start=2):
         try:
             values = _numbers(names, row)
@@ -123,7 +128,7 @@ def _places(path: Path, names: list[str], n: int) -> dict[str, tuple[bool, int, 
         raise MeasuredError(f"{path}: column time_s is missing; there are {', '.join(names)}")
     places: dict[str, tuple[bool, int, int, float]] = {}
     for name in names:
-        if name == "time_s" and names.count(name) == 1:
+        if (name == "time_s" and names.count(name) == 1) or OURS.match(name):
             continue
         found = COLUMN.match(name)
         if found is None or not 1 <= int(found[2] or found[5]) <= n:
@@ -146,6 +151,9 @@ def _numbers(names: list[str], row: list[str]) -> list[float]:
         raise ValueError(f"has {len(row)} values for {len(names)} columns")
     values = []
     for name, text in zip(names, row, strict=True):
+        if OURS.match(name):
+            values.append(math.nan)
+            continue
         try:
             value = float(text)
         except ValueError:
