@@ -66,7 +66,8 @@ async function ask(what, value = null) {
 /** STOP goes two ways at once, in case one of them is dead without knowing it. */
 function stop() {
   ask("stop");
-  fetch(`/stop?page=${link.page.replace(/\D/g, "")}&press=${link.requestId}`, { method: "POST", keepalive: true }).catch(() => {
+  const way = `/stop?page=${link.page.replace(/\D/g, "")}&press=${link.requestId}`;
+  fetch(way, { method: "POST", keepalive: true }).catch(() => {
     if (!link.connected) showAnswer("STOP did not reach the console. The robot holds when its driver is lost.");
   });
   driving.end();
@@ -84,6 +85,9 @@ byId("restart-robot").addEventListener("click", () => ask("restart_robot"));
 
 // At the first touch, not at the click that may follow it.
 byId("stop").addEventListener("pointerdown", stop);
+byId("stop").addEventListener("click", (event) => {
+  if (event.detail === 0) stop(); // from a screen reader, which points with nothing
+});
 byId("stop").addEventListener("keydown", (event) => {
   if (event.code !== "Enter" && event.code !== "Space") return;
   event.preventDefault();
