@@ -124,6 +124,38 @@ class PadStack(Stack):
         return float(told["time"])
 
 
+    def arm(self) -> None:
+        """Press Start when nothing is in the way, and wait until the robot is homed and ready."""
+        observer = self.observer
+        assert observer is not None
+        observer.wait("nothing in the way", lambda state: state.lease.fresh and not state.reasons)
+
+        def pressed() -> bool:
+            # A pad that has only just come, or a machine that stalls, makes a press void: then a person presses again.
+            self.pad(button="start", value=1)
+            self.pad(button="start", value=0)
+            with contextlib.suppress(AssertionError):
+                observer.wait("arming", lambda state: state.phase != "disarmed", 2.0)
+            return observer.state.phase != "disarmed"
+
+        wait_for("arming", pressed)
+        observer.wait("ready", lambda state: state.phase == "ready", 60.0)
+
+    def press_dead_man(self) -> None:
+        """Hold LB until the robot drives; a press in the very moment of getting ready is void, so press again then."""
+        observer = self.observer
+        assert observer is not None
+
+        def pressed() -> bool:
+            self.pad(button="leftshoulder", value=0)
+            self.pad(button="leftshoulder", value=1)
+            with contextlib.suppress(AssertionError):
+                observer.wait("driving", lambda state: state.phase == "driving", 1.0)
+            return observer.state.phase == "driving"
+
+        wait_for("the drive", pressed)
+
+
 class Observer:
     """Listens on the link: every state, and the twin's truth, which no controller sees."""
 

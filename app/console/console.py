@@ -30,7 +30,7 @@ from cobra.loading import load_description
 log = logging.getLogger("cobra.console")
 HOST = "127.0.0.1"
 SWITCH_INTERVAL_S = 0.0005
-PRECEDENCE = 10
+PRECEDENCE = 20
 PAD = "pad"
 """Key of the pad among the pilot's sources."""
 

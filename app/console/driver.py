@@ -7,6 +7,7 @@ from collections.abc import Callable
 from app.console.pilot import Pilot
 from app.link import ConsoleLink
 from cobra.clock import Clock
+from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.messages import Command, Reply, Request, Stop
 
 PERIOD_S = 0.02
@@ -82,6 +83,7 @@ class Driver:
         )
 
     def _run(self) -> None:
+        ask_for_realtime(OTHERS_PRIORITY)
         while not self._done.is_set():
             self._wake.wait(PERIOD_S)
             self._wake.clear()

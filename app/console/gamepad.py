@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from app.console.inputs import Button, Controls
 from cobra.clock import Clock, SystemClock
+from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 
 log = logging.getLogger(__name__)
 
@@ -150,6 +151,7 @@ class Gamepad:
     # From here on, all in the pad's thread.
 
     def _run(self) -> None:
+        ask_for_realtime(OTHERS_PRIORITY)
         try:
             pygame = load_pygame()
             pygame.display.init()

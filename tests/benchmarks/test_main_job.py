@@ -20,7 +20,7 @@ from tests.browser.conftest import ARGUMENTS, CHROMIUM
 from tests.stack import PadStack
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(300)]
-TRIALS = 60
+TRIALS = 150
 POSITION = 0xA4
 FIRST_TENDON = 0x141
 
@@ -64,16 +64,14 @@ def test_tick_jitter_and_latency(tmp_path):
         f"stick to frame ({len(latencies)} presses): p50 {np.percentile(latencies, 50):.1f}, "
         f"p99 {np.percentile(latencies, 99):.1f} ms; one tick plus 5 ms is 15 ms"
     )
+    print(f"the slowest: {np.sort(latencies)[-6:].round(1)} ms")
     assert len(latencies) == len(presses)
 
 
 def _drive(stack: PadStack) -> list[float]:
     """Deflect and centre the stick again and again; gives when each deflection happened."""
-    stack.observer.wait("nothing in the way", lambda state: state.lease.fresh and not state.reasons)
-    stack.pad(button="start", value=1)
-    stack.observer.wait("ready", lambda state: state.phase == "ready", 60.0)
-    stack.pad(button="leftshoulder", value=1)
-    stack.observer.wait("driving", lambda state: state.phase == "driving")
+    stack.arm()
+    stack.press_dead_man()
     presses = []
     for i in range(TRIALS):
         before = stack.observer.state.commanded

@@ -11,23 +11,15 @@ def stack(tmp_path):
         yield stack.start()
 
 
-def arm(stack: PadStack) -> None:
-    stack.observer.wait("nothing in the way", lambda state: state.lease.fresh and not state.reasons)
-    stack.pad(button="start", value=1)
-    stack.pad(button="start", value=0)
-    stack.observer.wait("ready", lambda state: state.phase == "ready", 60.0)
-
-
 def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
-    arm(stack)
+    stack.arm()
     stack.pad(axis="leftx", value=1.0)
     stack.pad(button="leftshoulder", value=1)
     assert stack.observer.state.phase == "ready", "a deflected stick must be centred before the press"
     stack.pad(button="leftshoulder", value=0)
     stack.pad(axis="leftx", value=0.0)
 
-    stack.pad(button="leftshoulder", value=1)
-    stack.observer.wait("driving", lambda state: state.phase == "driving")
+    stack.press_dead_man()
     stack.pad(tremble=True)
     stack.pad(axis="leftx", value=1.0)
     stack.pad(axis="righty", value=-1.0)
@@ -48,7 +40,7 @@ def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
 
 
 def test_b_stops_even_without_the_dead_man(stack):
-    arm(stack)
+    stack.arm()
     stack.pad(button="b", value=1)
     stopped = stack.observer.wait("stopped", lambda state: state.phase == "stopped")
     assert "pad" in stopped.cause
