@@ -6,9 +6,10 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 
-from tests.stack import Page, Stack, running, wait_for
+from tests.stack import Observer, Page, Stack, running, wait_for
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -113,3 +114,20 @@ def test_stop_latches_for_every_page_and_only_clearing_it_goes_on(stack):
         assert stack.observer.state.commanded == stood
         driver.hold()
         driver.until_phase("driving")
+
+
+def test_an_orphaned_robot_process_takes_its_final_action_and_exits(tmp_path):
+    command = [sys.executable, "-m", "app", "robot", "--orphaned-after", "1", "--leave-when-orphaned"]
+    environment = {**os.environ, "COBRA_TELEOP_RUNTIME_DIR": str(tmp_path)}
+    with subprocess.Popen(command, env=environment) as process:
+        try:
+            entry = tmp_path / "robot-cobra.json"
+            wait_for("the robot process", entry.exists, 60.0)
+            observer = Observer("cobra", msgspec.json.decode(entry.read_bytes())["endpoint"])
+            observer.wait("a console's absence has not begun", lambda state: state.tick > 150)
+            assert process.poll() is None, "while a console is there it stays"
+            observer.close()
+            assert process.wait(10) == 0
+            assert not entry.exists()
+        finally:
+            process.kill()

@@ -1,0 +1,69 @@
+"""The control loop on simulated drives and the twin, ticked by hand with a clock of the test's own."""
+
+import msgspec
+
+from cobra.clock import ManualClock
+from cobra.control.loop import RobotLoop
+from cobra.loading import load_description
+from cobra.messages import Command, Event, Intent, Reply, Request, RobotState, encode
+from cobra.motors.open_bus import open_bus
+
+CHANNEL = "cobra"
+
+
+class Bench:
+    """The control loop on its twin, ticked by hand."""
+
+    def __init__(self, seed: int, twin: str = "default") -> None:
+        description = load_description("cobra")
+        options = {"twin": twin, "stepping": "inline", "seed": seed}
+        bus = msgspec.structs.replace(description.buses[0], channel=CHANNEL, options=options)
+        self.description = msgspec.structs.replace(description, buses=(bus,))
+        self.clock = ManualClock()
+        self.states: list[RobotState] = []
+        self.events: list[Event] = []
+        self._sequence = 0
+
+    def __enter__(self):
+        self._bus = open_bus(self.description, self.clock)
+        self._bus.open()
+        self.loop = RobotLoop(self.description, self._bus, self.clock, self.states.append, self.events.append)
+        reply = self.ask(Request(what="acquire", who="test"))
+        self.lease, self.epoch = reply.lease, reply.epoch
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bus.close()
+
+    def tick(self, intent: Intent | None = None) -> RobotState:
+        """One tick with a command of the driver: hold the dead-man with this intent, or let go."""
+        self._sequence += 1
+        command = Command(
+            lease=self.lease,
+            epoch=self.epoch,
+            sequence=self._sequence,
+            echo=self.states[-1].stamp,
+            held=intent is not None,
+            intent=intent or Intent(),
+        )
+        self.loop.inbox.command(encode(command))
+        self.loop.tick()
+        self.clock.advance(self.loop.period_s)
+        return self.states[-1]
+
+    def ask(self, request: Request) -> Reply:
+        answers: list[Reply] = []
+        self.loop.inbox.request(encode(request), answers.append)
+        self.loop.tick()
+        self.clock.advance(self.loop.period_s)
+        return answers[0]
+
+    def home(self, seconds: float = 30.0) -> RobotState:
+        for _ in range(5):
+            self.tick()
+        reply = self.ask(Request(what="arm", lease=self.lease))
+        assert reply.ok, reply.reasons
+        for _ in range(round(seconds / self.loop.period_s)):
+            if self.tick().phase != "homing":
+                break
+        return self.states[-1]

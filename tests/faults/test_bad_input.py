@@ -1,0 +1,75 @@
+"""Claims about what arrives damaged: it is counted, dropped and named in the page, and nothing moves."""
+
+import math
+
+import msgspec
+import pytest
+
+from app.link import key
+from cobra.messages import Command, Intent, Request
+from tests.stack import Page, running, wait_for
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory):
+    with running(tmp_path_factory.mktemp("stack")) as stack:
+        yield stack
+
+
+def drops(stack) -> dict[str, int]:
+    return stack.observer.state.drops
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "malformed message"),
+        (b"\xc1 not MessagePack", "malformed message"),
+        (msgspec.msgpack.encode({"lease": 3}), "malformed message"),
+        (msgspec.msgpack.encode([1, 2, 3]), "malformed message"),
+        (msgspec.msgpack.encode(Command(lease="forged", epoch=1, sequence=1, echo=0.0, held=True)), "wrong lease"),
+    ],
+)
+def test_a_bad_command_is_counted_and_named_in_the_page(stack, data, reason):
+    before = drops(stack).get(reason, 0)
+    session = stack.observer.link._session
+    session.put(key("cobra", "command"), data)
+    stack.observer.wait(reason, lambda state: state.drops.get(reason, 0) == before + 1)
+    with Page(stack.url) as page:
+        wait_for("the page's word", lambda: page.snapshot["drops"].get(reason, 0) >= before + 1)
+    assert stack.observer.state.phase == "disarmed"
+
+
+def test_a_request_that_cannot_be_read_is_refused(stack):
+    session = stack.observer.link._session
+    replies = list(session.get(key("cobra", "request"), payload=b"\xc1", timeout=2.0))
+    assert msgspec.msgpack.decode(replies[0].ok.payload.to_bytes())["ok"] is False
+    stack.observer.wait("the count", lambda state: state.drops.get("malformed request", 0) >= 1)
+
+
+@pytest.mark.parametrize("what", ["arm", "disarm", "home", "clear", "quit"])
+def test_only_the_driver_may_act(stack, what):
+    reply = stack.observer.link.request(Request(what=what, lease="forged"))
+    assert not reply.ok
+    assert "driver" in reply.reasons[0]
+    assert stack.observer.state.phase == "disarmed"
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1.5])
+def test_a_stick_that_is_not_finite_or_out_of_range_is_dropped(stack, value):
+    from cobra.control.authority import Authority
+
+    authority = Authority()
+    lease = authority.acquire("me", 1.0)
+    command = Command(lease=lease, epoch=authority.epoch, sequence=1, echo=1.0, intent=Intent(primary=(value, 0.0)))
+    sent = msgspec.msgpack.decode(msgspec.msgpack.encode(command), type=Command)
+    assert authority.accept(sent, 1.0) == "not finite or out of range"
+
+
+def test_a_stop_that_cannot_be_read_still_stops(stack):
+    stack.observer.link._session.put(key("cobra", "stop"), b"\xc1")
+    stack.observer.wait("stopped", lambda state: state.phase == "stopped")
+    assert drops(stack)["malformed stop (obeyed)"] == 1
+    with Page(stack.url) as page:
+        assert page.ask("clear")["ok"]
+        page.until_phase("disarmed")
