@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from handmade_drives import HandmadeDrive, Rig, Wire, robot
 
 from cobra.clock import ManualClock
 from cobra.motors.rmd_bus import RmdBus
+from tests.cobra.motors.handmade_drives import HandmadeDrive, Rig, Wire, robot
 
 
 @pytest.fixture

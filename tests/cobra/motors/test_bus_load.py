@@ -2,7 +2,6 @@
 
 import msgspec
 import pytest
-from handmade_drives import robot
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from cobra.loading import load_description
 from cobra.motors.bus import BusError
 from cobra.motors.bus_load import channel_load, frame_bits
 from cobra.motors.open_bus import open_bus
+from tests.cobra.motors.handmade_drives import robot
 
 
 def bits_of_a_frame(arbitration_id: int, data: bytes) -> int:

@@ -8,13 +8,13 @@ import can
 import msgspec
 import numpy as np
 import pytest
-from handmade_drives import robot
 
 from cobra.clock import ManualClock
 from cobra.description import RobotDescription
 from cobra.motors.bus import BusError
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
+from tests.cobra.motors.handmade_drives import robot
 
 
 def simulated(description: RobotDescription, **options: Any) -> RobotDescription:

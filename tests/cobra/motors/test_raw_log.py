@@ -5,10 +5,10 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from handmade_drives import plain
 
 from cobra.motors.bus import BusError
 from cobra.motors.raw_log import RawLog
+from tests.cobra.motors.handmade_drives import plain
 
 
 @pytest.mark.parametrize("suffix", [".log", ".blf"])

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import can
 import numpy as np
 import pytest
-from handmade_drives import GEAR, HandmadeDrive, Rig, plain
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cobra.motors.bus import BusError
+from tests.cobra.motors.handmade_drives import GEAR, HandmadeDrive, Rig, plain
 
 Make = Callable[..., Rig]
 PER_RAD = math.degrees(1.0) * GEAR
