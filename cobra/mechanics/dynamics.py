@@ -33,8 +33,9 @@ Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 DEFAULT_STEP_S = 0.8e-3
 """Second order: within 0.05 mm of a tenth of it in the paper's case (tests/benchmarks/test_dynamics.py)."""
 RECORD_S = 0.01
-MARKS_A_CALL = 100
-"""Between two reports of progress."""
+SMALLEST_STEP_S = 1e-6
+MARKS_A_CALL, STEPS_A_CALL = 100, 50_000
+"""At most this much between two reports of progress, and between two chances to interrupt."""
 _KINDS = {"forces": layout.FORCES, "lengths": layout.LENGTHS}
 _COMPLAINTS = {
     layout.NOT_FINITE: "is not finite any more",
@@ -230,11 +231,12 @@ def simulate(
         progress: called with the simulated time [s] now and then.
 
     Raises:
-        ValueError: a load on a guider that does not exist, a cable command of the wrong width, a size that is not positive.
+        ValueError: a load on a guider that does not exist, commands for another number of cables, a size that is not positive.
         SimulationError: the motion blew up; says when and in which segment.
     """
     n, k = parameters.segments, len(parameters.cable_azimuths_deg)
-    _check(n, k, cables, loads, duration_s, step_s, record_s)
+    sizes = {"duration_s": duration_s, "step_s": step_s, "record_s": record_s}
+    _check(n, k, cables, loads, sizes if tolerance_m is None else sizes | {"tolerance_m": tolerance_m})
     chain = Chain(parameters) if start is None else start
     marks = _marks(duration_s, record_s, [*cables.schedules, *(load.force for load in loads)])
     commands = cables.over(marks)
@@ -247,13 +249,14 @@ def simulate(
         else _published_runner(chain, cables.kind, step_s, _first_plane(chain, cables.kind, commands, forces))
     )
     parts, steps = [], 0
-    for first in range(0, len(marks) - 1, MARKS_A_CALL):
-        part = slice(first, first + MARKS_A_CALL)
-        *track, taken = run(marks[first : first + MARKS_A_CALL + 1], commands[part], forces[part])
+    a_call = int(np.clip(STEPS_A_CALL * step_s / record_s, 1, MARKS_A_CALL))
+    for first in range(0, len(marks) - 1, a_call):
+        part = slice(first, first + a_call)
+        *track, taken = run(marks[first : first + a_call + 1], commands[part], forces[part])
         parts.append([rows[1:] if first else rows for rows in track])
         steps += taken
         if progress is not None:
-            progress(float(marks[min(first + MARKS_A_CALL, len(marks) - 1)]))
+            progress(float(marks[min(first + a_call, len(marks) - 1)]))
     q, v, tensions, flags = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     shown = np.concatenate([commands[:1, 0], commands[:, 1]])
     motor = (
@@ -345,12 +348,12 @@ def _marks(duration_s: float, record_s: float, schedules: Sequence[Schedule]) ->
     return marks[np.append(True, np.diff(marks) > layout.SMALLEST_STEP_S)]
 
 
-def _check(
-    n: int, k: int, cables: Cables, loads: Sequence[Load], duration_s: float, step_s: float, record_s: float
-) -> None:
-    for name, value in (("duration_s", duration_s), ("step_s", step_s), ("record_s", record_s)):
+def _check(n: int, k: int, cables: Cables, loads: Sequence[Load], sizes: dict[str, float]) -> None:
+    for name, value in sizes.items():
         if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} = {value:g}: must be a positive number of seconds")
+            raise ValueError(f"{name} = {value:g}: must be positive")
+    if sizes["step_s"] < SMALLEST_STEP_S:
+        raise ValueError(f"step_s = {sizes['step_s']:g}: must be at least {SMALLEST_STEP_S:g}")
     if len(cables.schedules) != k:
         raise ValueError(f"{len(cables.schedules)} cable {cables.kind} for {k} cables")
     for j, schedule in enumerate(cables.schedules):

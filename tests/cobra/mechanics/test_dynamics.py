@@ -263,7 +263,7 @@ def test_a_living_chain_moves_as_the_simulation_does_and_stays_whole_after_a_blo
             "no guider 6; they are numbered 1 .base. to 5 .top.",
         ),
         ({"loads": [Load(1, Schedule.constant([1.0, 0.0]))]}, "three components"),
-        ({"duration_s": 0.0}, "duration_s = 0: must be a positive"),
+        ({"duration_s": 0.0}, "duration_s = 0: must be positive"),
         ({"step_s": float("nan")}, "step_s = nan"),
     ],
 )
