@@ -146,13 +146,13 @@ def deflection_figure(case: Case, motion: Motion, measured: Measured | None, loa
             middle.plot(number, guiders[1:, a], mark, color=color, ms=4.0, lw=1.0, label=f"{AXES[a]}, {label}")
         right.plot(number, _tilt_deg(motion.tilt_rad[at, 1:], sides), "o-", color=color, ms=4.0, label=label)
     if measured is not None:
-        for row, color in ((int(np.searchsorted(measured.time_s, loaded_s, side="right")) - 1, START), (-1, END)):
-            if row >= -1:
-                own = 1e3 * measured.positions_m[row]
-                left.plot(own[:, side], own[:, 2], "x", color=color, ms=7.0)
-                for a in sides:
-                    middle.plot(number, own[:, a], "x", color=color, ms=7.0)
-                right.plot(number, _tilt_deg(measured.tilt_rad[row], sides), "x", color=color, ms=7.0)
+        last = int(np.searchsorted(measured.time_s, loaded_s, side="right")) - 1
+        for row, color in [(last, START)] * (last >= 0) + [(-1, END)]:
+            own = 1e3 * measured.positions_m[row]
+            left.plot(own[:, side], own[:, 2], "x", color=color, ms=7.0)
+            for a in sides:
+                middle.plot(number, own[:, a], "x", color=color, ms=7.0)
+            right.plot(number, _tilt_deg(measured.tilt_rad[row], sides), "x", color=color, ms=7.0)
     left.set_xlabel(f"{AXES[side]} [mm]")
     left.set_ylabel("z [mm]")
     left.set_aspect("equal", adjustable="datalim")

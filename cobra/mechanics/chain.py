@@ -176,6 +176,18 @@ def cable_forces(parameters: SrcBotParameters, tensions: ArrayLike) -> Floats:
     return -np.asarray(tensions, dtype=np.float64) @ parameters.cable_matrix
 
 
+def cable_tensions(parameters: SrcBotParameters, moment_Nm: ArrayLike, force_N: ArrayLike) -> Floats:
+    """Tensions (..., cables) that give moments (..., 2) about the bends and a force (...,) along the robot (S-35).
+
+    In (b_x, b_y, L) the map is constant, so nothing is singular when straight. With more than three cables the least of
+    all that do it. A negative one says that a cable would have to push.
+    """
+    wanted = np.concatenate(
+        [np.asarray(moment_Nm, dtype=np.float64), np.asarray(force_N, dtype=np.float64)[..., None]], axis=-1
+    )
+    return wanted @ np.linalg.pinv(-parameters.cable_matrix[:, [0, 1, 3]])
+
+
 def elastic_energy(parameters: SrcBotParameters, q: ArrayLike) -> Floats:
     """Σ ½ EI |b|²/L₀ + ½ GA ψ²/L₀ + ½ K (C − C₀)² (...,) [J], with the chord C = L sin(θ/2)/(θ/2) (S-24) and C₀ that
     of the natural length at the same bend."""

@@ -226,6 +226,7 @@ def simulate(
     """The motion from `start` (else straight, at rest, slack) over `duration_s`, recorded every `record_s` and at every jump.
 
     Args:
+        start: where it begins; the chain moves along, and is left where the motion ends (not in the published form).
         step_s: size of the fixed step; with `tolerance_m` the first one tried.
         tolerance_m: keeps what one step errs below this, by adapting its size (chain only).
         progress: called with the simulated time [s] now and then.

@@ -17,6 +17,7 @@ from cobra.mechanics.kernels.layout import (
     FINE,
     LARGEST_BEND_RAD,
     LARGEST_STRETCH,
+    LARGEST_TWIST_RAD,
     LENGTH,
     LOAD,
     MIDDLE,
@@ -26,6 +27,7 @@ from cobra.mechanics.kernels.layout import (
     SINE,
     STRETCHED,
     TENSION,
+    TWISTED,
     S,
 )
 from cobra.mechanics.kernels.segment import _stumpff, _sweep
@@ -178,6 +180,8 @@ def march_published(
                     return NOT_FINITE, i, time, steps
                 if abs(theta) > LARGEST_BEND_RAD:
                     return BENT, i, time, steps
+                if abs(state[i, 1]) > LARGEST_TWIST_RAD:
+                    return TWISTED, i, time, steps
                 if not 0.0 < L < LARGEST_STRETCH * c.rest:
                     return STRETCHED, i, time, steps
         for i in range(n):

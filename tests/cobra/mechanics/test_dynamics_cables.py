@@ -7,7 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cobra.mechanics.chain import MOUNTINGS, SrcBotParameters, cable_lengths, kinetic_energy, potential_energy
+from cobra.mechanics.chain import (
+    MOUNTINGS,
+    SrcBotParameters,
+    cable_forces,
+    cable_lengths,
+    cable_tensions,
+    kinetic_energy,
+    potential_energy,
+)
 from cobra.mechanics.dynamics import Chain, simulate
 from cobra.mechanics.friction import tension_band, top_tension, transmission
 from cobra.mechanics.inverse import equilibrium, inverse_statics
@@ -21,6 +29,29 @@ def share(motion):
     """g of S-37 at every recorded moment (m, 1)."""
     q = motion.q
     return transmission(np.hypot(q[..., 0], q[..., 1]), motion.parameters.friction)[:, None]
+
+
+@given(arrays(np.float64, 3, elements=st.floats(0.0, 30.0)), st.floats(0.1, 2.0), st.floats(-3.0, 3.0))
+def test_generalised_forces_are_minus_the_slope_of_the_cable_lengths(tensions, theta, phi):
+    """S-34 as printed in (θ, φ, L), with its errata: the rows of J_d, and the minus sign; S-8 written out here."""
+
+    def lengths(theta, phi, length):
+        return length - 0.03 * theta * np.cos(phi - np.radians([0.0, 120.0, 240.0]))
+
+    h = 1e-6
+    by_theta = (lengths(theta + h, phi, 0.2) - lengths(theta - h, phi, 0.2)) / (2.0 * h)
+    by_phi = (lengths(theta, phi + h, 0.2) - lengths(theta, phi - h, 0.2)) / (2.0 * h)
+    x, y, twist, along = cable_forces(ROBOT, tensions)
+    assert x * np.cos(phi) + y * np.sin(phi) == pytest.approx(-by_theta @ tensions, abs=1e-7)
+    assert theta * (y * np.cos(phi) - x * np.sin(phi)) == pytest.approx(-by_phi @ tensions, abs=1e-7)
+    assert along == pytest.approx(-tensions.sum())
+    assert twist == 0.0
+
+
+@given(arrays(np.float64, 3, elements=st.floats(0.0, 30.0)))
+def test_tensions_come_back_from_their_generalised_forces_straight_or_bent(tensions):
+    x, y, _, along = cable_forces(ROBOT, tensions)
+    assert cable_tensions(ROBOT, [x, y], along) == pytest.approx(tensions, abs=1e-9)
 
 
 @given(arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)), st.floats(0.0, 0.9))
