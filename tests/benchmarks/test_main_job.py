@@ -46,7 +46,9 @@ def test_tick_jitter_and_latency(tmp_path):
     log = tmp_path / "frames.log"
     with PadStack(tmp_path, "--can-log", str(log)) as stack:
         stack.start()
-        browser = subprocess.Popen(["nice", "-n", "15", sys.executable, "-c", _OPEN_PAGE, CHROMIUM, stack.url, *ARGUMENTS])
+        browser = subprocess.Popen(
+            ["nice", "-n", "15", sys.executable, "-c", _OPEN_PAGE, CHROMIUM, stack.url, *ARGUMENTS]
+        )
         try:
             presses = _drive(stack)
         finally:
