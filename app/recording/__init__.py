@@ -1,1 +1,0 @@
-"""Recordings: write, read, export."""
