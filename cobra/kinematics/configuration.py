@@ -115,7 +115,8 @@ class Configuration:
         low[TWIST], high[TWIST] = d.twist.range_rad if d.twist else (0.0, 0.0)
         low[FEED], high[FEED] = d.feed.range_m if d.feed else (0.0, d.backbone.total_length_m)
         for section, bend, index in zip(d.sections, self.bends, self.lengths, strict=True):
-            low[bend], high[bend] = -section.max_bend_rad, section.max_bend_rad
+            longest = section.elongation.range_m[1] if section.elongation else section.length_m
+            low[bend], high[bend] = -section.max_curvature_1_m * longest, section.max_curvature_1_m * longest
             if section.elongation and index is not None:
                 low[index], high[index] = section.elongation.range_m
         return low, high

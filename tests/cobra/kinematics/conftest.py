@@ -23,6 +23,18 @@ def _elongation(length_m: float) -> Elongation:
     )
 
 
+def _driven(robot: RobotDescription) -> RobotDescription:
+    """The robot with one drive a tendon, as the first, and those of twist and feed where it has them."""
+    pattern = robot.drives[0]
+    tendons = [
+        msgspec.structs.replace(pattern, name=name, tendon=name, address=k + 1)
+        for k, name in enumerate(robot.tendon_names)
+    ]
+    units = {"twist": robot.twist, "feed": robot.feed}
+    others = [drive for drive in robot.drives if units.get(drive.moves)]
+    return msgspec.structs.replace(robot, drives=(*tendons, *others))
+
+
 def _robots() -> dict[str, RobotDescription]:
     cobra = load_description("cobra")
     one, two, three = cobra.sections
@@ -30,7 +42,7 @@ def _robots() -> dict[str, RobotDescription]:
     passive = replace(two, routing=None, length_m=0.06, name="passive")
     growing = replace(one, elongation=_elongation(0.1), routing=_routing("growing", (0.0, 120.0, 240.0)))
     stretchy = replace(three, elongation=_elongation(0.1), routing=_routing("stretchy", (20.0, 130.0, 250.0, 300.0)))
-    return {
+    robots = {
         "cobra": cobra,
         "by-hand": replace(cobra, twist=None, feed=None),
         "two-by-three": replace(
@@ -42,8 +54,10 @@ def _robots() -> dict[str, RobotDescription]:
         ),
         "passive-between": replace(cobra, sections=(one, passive, three)),
         "elongating": replace(cobra, sections=(growing, passive, stretchy), twist=None, feed=None),
+        "twist-feed": replace(cobra, sections=tuple(replace(section, routing=None) for section in cobra.sections)),
         "elongating-fed": replace(cobra, sections=(growing, two, stretchy)),
     }
+    return {name: _driven(robot) for name, robot in robots.items()}
 
 
 ROBOTS = _robots()
