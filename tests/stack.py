@@ -123,7 +123,6 @@ class PadStack(Stack):
         assert "error" not in told, told
         return float(told["time"])
 
-
     def arm(self) -> None:
         """Press Start when nothing is in the way, and wait until the robot is homed and ready."""
         observer = self.observer
