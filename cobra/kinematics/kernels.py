@@ -12,8 +12,7 @@ import numba
 import numpy as np
 
 from cobra.kinematics.backbone import EXPOSURE_TOLERANCE_M
-
-SERIES_BELOW = 0.1
+from cobra.kinematics.section import SERIES_BELOW
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Numbers = NDArray[Any]
 
-_SERIES_BELOW = 0.1
+SERIES_BELOW = 0.1
 """θ² under which the series is used: θ about 0.3 rad."""
 _TERMS = 8
-"""Terms of the series: the first one left out is under 1e-17 at `_SERIES_BELOW`."""
+"""Terms of the series: the first one left out is under 1e-17 at `SERIES_BELOW`."""
 _POWERS = np.arange(_TERMS)
 _SERIES = np.array([[(-1.0) ** k / factorial(2 * k + odd) for odd in (1, 2, 3)] for k in range(_TERMS)])
 _SLOPES = np.vstack([_SERIES[1:, :2] * _POWERS[1:, None], np.zeros((1, 2))])
@@ -45,7 +45,7 @@ class SectionJacobian(NamedTuple):
 def coefficients(theta2: ArrayLike) -> Coefficients:
     """The functions of θ² from which a section is made, to rounding error from straight to beyond π."""
     t2 = np.asarray(theta2)
-    small = t2.real < _SERIES_BELOW
+    small = t2.real < SERIES_BELOW
     out = np.empty((*t2.shape, 5), dtype=np.result_type(t2, np.float64))
     out[small] = t2[small][:, None] ** _POWERS @ _TABLE
     out[~small] = _closed(t2[~small])

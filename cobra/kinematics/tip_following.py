@@ -4,6 +4,8 @@ Feeding appends to the path, straight on from its end. Steering bends the leadin
 it, as the body moves, and forgets what lies ahead. Retracting replays. Every tick all bends are fitted together.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cobra.description import RobotDescription
@@ -19,6 +21,20 @@ FOLLOWING_SHARE = 0.5
 """Of the bends' speed that feeding may ask for: the rest is for their acceleration, which the preview does not know."""
 SHARPEST_PATH = 0.9
 """How sharply steering may bend the path, of what the sections can: the rest is for what arcs cannot follow."""
+
+
+class Proposal(NamedTuple):
+    """A step that is proposed and not yet taken."""
+
+    q: Floats
+    fitted: Floats
+    """(size,) the bends laid on the path."""
+    aim: Floats
+    """(size,) on the way there, no faster than the bends may go."""
+    turning: Floats
+    """(2,) the steering rate [rad/s]."""
+    turn_rad: Floats
+    """(2,) what it turns in this tick."""
 
 
 class TipFollowing:
@@ -59,7 +75,7 @@ class TipFollowing:
         """The largest since `reset`."""
         self._fitted = self._aim = self.q.copy()
         self._turning: Floats = np.zeros(2)
-        self._proposed = (self._fitted, self._aim, self.path, self._turning)
+        self._proposed = Proposal(self.q, self._fitted, self._aim, self._turning, self._turning)
 
     @property
     def beyond_m(self) -> float:
@@ -103,13 +119,20 @@ class TipFollowing:
             straightened = shortened(q[where], float(limits[i]))
             end = shortened(q[where] + velocity * dt_s, float(limits[i]))
             q[where] = reached(straightened, end, self.q[where], self._bend_rate[i] * dt_s)
-        self._proposed = (fitted, aim, path, turning)
+        self._proposed = Proposal(q, fitted, aim, turning, turning * dt_s)
         return q, (q - self.q) / dt_s
 
     def take(self, q: Floats, velocity: Floats) -> None:
         """Make a proposed step, or the part of it that was allowed, the commanded one, and remember the path."""
+        proposed, way = self._proposed, self._proposed.q - self.q
+        share = min(max(float((q - self.q) @ way / (way @ way)), 0.0), 1.0) if way.any() else 1.0
+        if proposed.turn_rad.any():
+            self.path, _ = self._steered(share * proposed.turn_rad)
+        self.path = self.path.extended(float(q[FEED]))
+        self._fitted = self._fitted + share * (proposed.fitted - self._fitted)
+        self._aim = self._aim + share * (proposed.aim - self._aim)
+        self._turning = share * proposed.turning
         self.q, self.velocity = q, velocity
-        self._fitted, self._aim, self.path, self._turning = self._proposed
         self.deviation_m = float(self.fit.distances(q, self.path).max())
         self.deviation_max_m = max(self.deviation_max_m, self.deviation_m)
 

@@ -25,12 +25,6 @@ class TipPath:
     def length_m(self) -> float:
         return (len(self.points) - 1) * SPACING_M
 
-    @property
-    def end_direction(self) -> Floats:
-        """Unit tangent at the end (3,)."""
-        step = self.points[-1] - self.points[-2]
-        return step / np.linalg.norm(step)
-
     @classmethod
     def along(cls, backbone: Backbone, q: Floats) -> Self:
         """The path on which the whole exposed body lies now: from the port along the backbone to the tip."""
@@ -60,14 +54,6 @@ class TipPath:
     def samples(length_m: float) -> int:
         """How many samples a path of this length has, with the one at the port."""
         return max(int(np.floor(length_m / SPACING_M + 1e-9)) + 1, 1)
-
-    def at(self, arc_length_m: float) -> Floats:
-        """The place at an arc length from the port (3,)."""
-        if arc_length_m <= 0.0:
-            return np.array([0.0, 0.0, arc_length_m])
-        k = min(int(arc_length_m / SPACING_M), len(self.points) - 2)
-        along = arc_length_m / SPACING_M - k
-        return self.points[k] + along * (self.points[k + 1] - self.points[k])
 
 
 def _continued(points: Floats, count: int) -> Floats:

@@ -204,3 +204,15 @@ def test_compiling_never_happens_while_driving(cobra):
     for q in (frozen, np.zeros((8, 2))[:, 0], tuple(frozen), frozen.astype(np.float32)):
         tick(q)
     assert len(kernels.tick.signatures) == before
+
+
+def test_a_read_only_installation_compiles_without_a_cache(monkeypatch):
+    real = kernels.numba.njit
+
+    def njit(**options):
+        if options.get("cache"):
+            raise RuntimeError("cannot cache function: no locator available")
+        return real(**options)
+
+    monkeypatch.setattr(kernels.numba, "njit", njit)
+    assert kernels.compiled(lambda x: x + 1)(1) == 2
