@@ -87,7 +87,8 @@ class RobotLoop:
         self._take_requests(start, health)
         moving = self.supervisor.tick(start, self._drive, health)
         if self.supervisor.phase == "fault" and self._setpoint is not None:
-            self._switch_off()
+            # Tendons that lost their pull would let the robot fall: the other drives keep standing.
+            self._switch_off(hold=True)
         self._exchange(self._next_setpoint(moving))
         state = self._snapshot(start, health)
         self._publish(state)
@@ -369,7 +370,9 @@ class RobotLoop:
     def _tell_changes(self, state: RobotState) -> None:
         """An event for every change of phase or cause, once."""
         told = (state.phase, self.supervisor.cause)
-        if told == self._told:
+        pressed_or_let_go = {told[0], self._told[0]} == {"ready", "driving"}
+        if told == self._told or pressed_or_let_go:
+            self._told = told
             return
         level: Literal["info", "warning", "alarm"] = (
             "alarm" if state.phase in ("stopped", "fault") else "warning" if state.phase == "holding" else "info"

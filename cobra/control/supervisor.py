@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cobra.messages import COMMAND_VALIDITY_S, Command, Phase
+from cobra.motors.bus import HOME_AGAIN
 
 CENTRED = 0.02
 """A stick that reads more than this is not centred."""
@@ -90,9 +91,11 @@ class Supervisor:
 
     def tick(self, now_s: float, drive: Drive | None, health: Health) -> bool:
         """Advance the state; returns whether the newest command may move the robot in this tick."""
+        if any(HOME_AGAIN in fault for fault in health.faults):
+            self.homed = False
         if health.faults and self._armed and self.phase != "stopped":
             self._armed = False
-            self._enter("fault", f"{health.faults[0]}. Disarmed; arm again when it is mended.")
+            self._enter("fault", f"{health.faults[0]}. The drives stand still; arm again when it is mended.")
         elif health.blocking and self.phase in ("ready", "driving", "homing"):
             self._enter("holding", health.blocking[0])
         elif self.phase == "driving":

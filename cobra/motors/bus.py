@@ -16,6 +16,10 @@ class BusError(OperatorError):
     """The bus cannot be opened or is gone. The message says what was tried, what is missing and what to do."""
 
 
+HOME_AGAIN = "home again"
+"""A fault that says so means that where the drive's travel is zero is not known any more."""
+
+
 @dataclass(frozen=True, slots=True)
 class Feedback:
     """What the motors said, one entry a drive in the order of the description; all at the output shaft.

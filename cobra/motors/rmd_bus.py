@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
-from cobra.motors.bus import BusError, Feedback, Floats
+from cobra.motors.bus import HOME_AGAIN, BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
@@ -261,7 +261,7 @@ class RmdBus:
 
     def _jumped(self, link: RmdLink, degrees: float) -> None:
         self._count["angle jumped"] += 1
-        link.lost = f"its angle jumped by {degrees:+.1f} degrees (power lost, or encoder slipped): home again"
+        link.lost = f"its angle jumped by {degrees:+.1f} degrees (power lost, or encoder slipped): {HOME_AGAIN}"
 
     def _take_status(self, i: int, reply: Incoming) -> None:
         link = self._drives[i]

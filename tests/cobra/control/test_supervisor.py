@@ -84,6 +84,15 @@ def test_a_fault_disarms(ready):
     assert ready.phase == "fault"
 
 
+def test_a_drive_that_lost_its_reference_must_be_homed_again(ready):
+    press(ready)
+    lost = Health(faults=("drive S1: its angle jumped by +90.0 degrees: home again",))
+    assert not ready.tick(1.02, drive(True, 1.02), lost)
+    assert (ready.phase, ready.homed) == ("fault", False)
+    ready.armed()
+    assert ready.phase == "homing"
+
+
 def test_a_stop_latches_until_it_is_cleared_and_clearing_moves_nothing(ready):
     press(ready)
     ready.stop("viewer 3", "smoke")
