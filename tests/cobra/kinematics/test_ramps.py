@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cobra.kinematics.ramps import approached, braking_speed, reached, shortened
@@ -10,6 +10,7 @@ from cobra.kinematics.ramps import approached, braking_speed, reached, shortened
 DT = 0.01
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 2.0), st.floats(0.1, 5.0))
 def test_from_the_braking_speed_it_comes_to_rest_exactly_at_the_limit(distance, acceleration):
     speed, left, ticks = braking_speed(distance, acceleration, DT), distance, 0

@@ -3,7 +3,7 @@ from math import factorial
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -22,6 +22,7 @@ def screw(bend, length):
     return expm(np.array([[0, 0, x, 0], [0, 0, y, 0], [-x, -y, 0, length], [0, 0, 0, 0]]))
 
 
+@settings(deadline=None)
 @given(st.floats(0.01, 6.0), st.floats(-np.pi, np.pi), lengths)
 def test_it_is_the_papers_polar_formula_away_from_straight(theta, phi, length):
     bend = theta * np.array([np.cos(phi), np.sin(phi)])
@@ -33,6 +34,7 @@ def test_it_is_the_papers_polar_formula_away_from_straight(theta, phi, length):
     np.testing.assert_allclose(section.rotation(bend), turn, atol=5e-15)
 
 
+@settings(deadline=None)
 @given(st.one_of(bends, near_straight), lengths)
 def test_it_is_a_constant_twist_from_straight_to_beyond_a_half_turn(bend, length):
     np.testing.assert_allclose(section.transform(bend, length), screw(bend, length), atol=2e-14)
@@ -43,6 +45,7 @@ def test_straight_is_exact():
     np.testing.assert_array_equal(section.rotation(np.zeros(2)), np.eye(3))
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 0.3))
 def test_coefficients_are_right_to_rounding_where_closed_forms_lose_digits(theta):
     t2 = theta * theta
@@ -59,6 +62,7 @@ def test_coefficients_are_right_to_rounding_where_closed_forms_lose_digits(theta
     np.testing.assert_allclose(section.coefficients(t2), expected, rtol=4e-16 * 2)
 
 
+@settings(deadline=None)
 @given(st.floats(0.25, 0.40))
 def test_series_and_closed_form_agree_where_they_meet(theta):
     t2 = theta * theta
@@ -69,6 +73,7 @@ def test_series_and_closed_form_agree_where_they_meet(theta):
     np.testing.assert_allclose(got.D1, (np.cos(theta) - expected[0]) / (2 * t2), rtol=2e-14)
 
 
+@settings(deadline=None)
 @given(st.one_of(bends, near_straight, st.just(np.zeros(2))), lengths)
 def test_the_jacobian_is_the_complex_step_of_the_twist(bend, length):
     found = section.jacobian(bend, length)
@@ -85,6 +90,7 @@ def test_the_jacobian_is_the_complex_step_of_the_twist(bend, length):
         np.testing.assert_allclose(expected, turning, atol=2e-14)
 
 
+@settings(deadline=None)
 @given(bends)
 def test_no_twist_is_left_behind(bend):
     axis = np.array([-bend[1], bend[0], 0.0])
