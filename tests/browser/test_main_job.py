@@ -5,7 +5,7 @@ import pytest
 
 from cobra.kinematics.backbone import Backbone
 from cobra.loading import load_description
-from tests.stack import Stack, running
+from tests.stack import Stack, running, wait_for
 
 COBRA = load_description("cobra")
 CALM = ("--frame-rate", "5")
@@ -19,14 +19,22 @@ def arm(tab, stack: Stack) -> None:
 
 
 def push(tab, key: str, stack: Stack, until) -> None:
-    """Hold the page's dead-man and a steering key; let go when `until` holds."""
-    tab.keyboard.down("Space")
-    stack.observer.wait("driving", lambda state: state.phase == "driving")
-    tab.keyboard.down(key)
-    stack.observer.wait("the bend", until, 60.0)
-    tab.keyboard.up("Space")
-    tab.keyboard.up(key)
-    stack.observer.wait("letting go", lambda state: state.phase == "ready")
+    """Hold the page's dead-man and a steering key; let go when `until` holds.
+
+    A machine that stalls for 200 ms ends the drive, as it must; a person then presses again.
+    """
+
+    def bent() -> bool:
+        tab.keyboard.down("Space")
+        stack.observer.wait("driving", lambda state: state.phase == "driving")
+        tab.keyboard.down(key)
+        stack.observer.wait("the bend", lambda state: until(state) or state.phase != "driving", 60.0)
+        tab.keyboard.up("Space")
+        tab.keyboard.up(key)
+        stack.observer.wait("letting go", lambda state: state.phase == "ready")
+        return until(stack.observer.state)
+
+    wait_for("the bend", bent, 120.0)
 
 
 def bend(state, section: int) -> float:

@@ -32,11 +32,16 @@ def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
     assert lost.phase in ("ready", "holding")
     stack.pad(tremble=False)
     stack.pad(attach=True)
-    stack.pad(button="leftshoulder", value=1)
+    stack.observer.wait("ready", lambda state: state.phase == "ready")
     stack.pad(axis="righttrigger", value=1.0)
-    assert stack.observer.state.phase != "driving"
+    fed = stack.observer.state.commanded[1]
+    stack.pad(button="leftshoulder", value=1)
+    after = stack.observer.state.tick + 50
+    stack.observer.wait("half a second", lambda state: state.tick > after)
+    assert stack.observer.state.phase == "ready", "the trigger was not centred at the press"
+    assert stack.observer.state.commanded[1] == fed
     stack.pad(axis="righttrigger", value=0.0)
-    stack.pad(button="leftshoulder", value=0)
+    stack.press_dead_man()
 
 
 def test_b_stops_even_without_the_dead_man(stack):
