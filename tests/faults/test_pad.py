@@ -11,6 +11,11 @@ def stack(tmp_path):
         yield stack.start()
 
 
+def ticks(stack: PadStack, count: int) -> None:
+    until = stack.observer.state.tick + count
+    stack.observer.wait(f"{count} ticks", lambda state: state.tick >= until)
+
+
 def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
     stack.arm()
     stack.pad(axis="leftx", value=1.0)
@@ -34,10 +39,10 @@ def test_a_pad_arms_drives_stops_and_its_loss_holds(stack):
     stack.pad(attach=True)
     stack.observer.wait("ready", lambda state: state.phase == "ready")
     stack.pad(axis="righttrigger", value=1.0)
+    ticks(stack, 20)  # two changes in one reading of the pad are one press
     fed = stack.observer.state.commanded[1]
     stack.pad(button="leftshoulder", value=1)
-    after = stack.observer.state.tick + 50
-    stack.observer.wait("half a second", lambda state: state.tick > after)
+    ticks(stack, 50)
     assert stack.observer.state.phase == "ready", "the trigger was not centred at the press"
     assert stack.observer.state.commanded[1] == fed
     stack.pad(axis="righttrigger", value=0.0)
