@@ -1,10 +1,17 @@
 """Fixtures that several rooms need. This file also puts the checkout on the import path: `from tests.… import …`."""
 
+import os
 from collections.abc import Callable, Iterator
 
 import pytest
+from hypothesis import settings
 
 from tests.virtual_pad import VirtualPad
+
+# CI tries the same examples every time; at the desk every run looks for new ones.
+settings.register_profile("ci", derandomize=True)
+if os.environ.get("CI"):
+    settings.load_profile("ci")
 
 
 @pytest.fixture

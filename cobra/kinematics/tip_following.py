@@ -125,7 +125,8 @@ class TipFollowing:
     def take(self, q: Floats, velocity: Floats) -> None:
         """Make a proposed step, or the part of it that was allowed, the commanded one, and remember the path."""
         proposed, way = self._proposed, self._proposed.q - self.q
-        share = min(max(float((q - self.q) @ way / (way @ way)), 0.0), 1.0) if way.any() else 1.0
+        squared = float(way @ way)  # of denormal steps this is zero, though they are not
+        share = min(max(float((q - self.q) @ way) / squared, 0.0), 1.0) if squared > 0.0 else 1.0
         if proposed.turn_rad.any():
             self.path, _ = self._steered(share * proposed.turn_rad)
         self.path = self.path.extended(float(q[FEED]))

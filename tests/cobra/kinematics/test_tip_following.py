@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from cobra.kinematics.configuration import FEED
@@ -163,6 +163,7 @@ stick = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.sampled_from([-1.0, -0.
 
 
 @settings(max_examples=10, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@example([(-2e-221, 0.0, 0.0, 20), (0.44, 2e-16, 0.0, 54), (-0.97, 0.53, 0.5, 35)], 0.02)
 @given(st.lists(stick, min_size=2, max_size=8), st.sampled_from([0.02, 0.12, 0.3]))
 def test_limits_hold_at_every_tick_whatever_the_stick_does(cobra_following, history, feed_m):
     following = start(cobra_following, feed_m)
