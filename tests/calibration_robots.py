@@ -13,7 +13,7 @@ from cobra.description import (
 )
 
 
-def described(  # noqa: PLR0913
+def described(
     name: str,
     *,
     lengths_m: tuple[float, ...],
