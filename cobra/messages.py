@@ -51,12 +51,17 @@ class Command(Message, frozen=True, kw_only=True):
 
 
 class Request(Message, frozen=True, kw_only=True):
-    """Something that is asked once and answered: arm, disarm, home, clear the stop, lease, quit."""
+    """Something that is asked once and answered: a lease (acquire, retain, release, take), or an act of the driver's
+    (arm, disarm, home, clear the stop, quit, and what parts of the loop add; see `cobra.control.requests`)."""
 
-    what: Literal["arm", "disarm", "home", "clear", "quit", "acquire", "retain", "release", "take"]
+    what: str
     lease: str = ""
     who: str = ""
     reason: str = ""
+    name: str = ""
+    """What the act is about, where it needs a name."""
+    value: float = 0.0
+    """The act's number, where it needs one, in the unit that the act says."""
 
 
 class Reply(Message, frozen=True, kw_only=True):

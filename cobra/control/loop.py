@@ -15,21 +15,20 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.control.authority import Authority
+from cobra.control.drivetrain import Drivetrain
 from cobra.control.final_action import FinalAction
 from cobra.control.inbox import Inbox
 from cobra.control.limits import DriveLimits
 from cobra.control.motion import SectionMotion
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import drives_report, health_of
+from cobra.control.requests import Requests
 from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.timing import LoopTiming
 from cobra.description import RobotDescription
-from cobra.kinematics.configuration import FEED, TWIST
-from cobra.kinematics.tendons import TendonMap
 from cobra.messages import Command, Event, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.homing import Homing, HomingError
-from cobra.motors.transmission import Transmission
 
 Floats = NDArray[np.float64]
 
@@ -49,31 +48,30 @@ class RobotLoop:
         announce: Callable[[Event], None],
     ) -> None:
         self.description = description
-        self.bus = bus
         self.clock = clock
         self.inbox = Inbox()
         self.authority = Authority()
         self.supervisor = Supervisor()
+        self.requests = Requests(self.authority, self._lose_driver, announce)
+        self.requests.acts.update(
+            arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
+        )
         self.motion = SectionMotion(description)
         self.period_s = 1.0 / description.teleop.loop_rate_Hz
         self.quit_requested = False
         self._publish = publish
         self._announce = announce
-        self._tendons = TendonMap(description)
-        self._tendon_index = np.array(description.tendon_drives, dtype=np.int64)
-        self._transmission = Transmission(description)
+        self.drivetrain = Drivetrain(description, bus)
         self._limits = DriveLimits(description)
         self._timing = LoopTiming(self.period_s)
         self._homing: Homing | None = None
         self._final: FinalAction | None = None
         self._abandoned: Literal["", "leave", "stay"] = ""
         self._drive: Drive | None = None
-        self._feedback: Feedback | None = None
         self._setpoint: Floats | None = None
         self._bias = np.zeros(len(description.drives))
         self._malformed: Counter[str] = Counter()
         self._limited = ""
-        self._gone = ""
         self._tick = 0
         self._told: tuple[str, str] = ("", "")
 
@@ -83,13 +81,13 @@ class RobotLoop:
         start = self.clock.now()
         self._take_stops(start)
         self._take_commands(start)
-        health = health_of(self.description, self._feedback, self._gone)
+        health = health_of(self.description, self.drivetrain.feedback, self.drivetrain.gone)
         self._take_requests(start, health)
         moving = self.supervisor.tick(start, self._drive, health)
         if self.supervisor.phase == "fault" and self._setpoint is not None:
             # Tendons that lost their pull would let the robot fall: the other drives keep standing.
             self._switch_off(hold=True)
-        self._exchange(self._next_setpoint(moving))
+        self.drivetrain.exchange(self._next_setpoint(moving))
         state = self._snapshot(start, health)
         self._publish(state)
         self._tell_changes(state)
@@ -146,59 +144,29 @@ class RobotLoop:
     def _take_requests(self, now_s: float, health: Health) -> None:
         while self.inbox.requests:
             asked = self.inbox.requests.popleft()
-            try:
-                request = decode(asked.data, Request)
-            except msgspec.MsgspecError:
-                self._malformed["malformed request"] += 1
-                asked.answer(Reply(ok=False, reasons=("the request could not be read",)))
-                continue
-            asked.answer(self._answer(request, now_s, health))
+            asked.answer(self.requests.answer(asked.data, now_s, health))
 
-    def _answer(self, request: Request, now_s: float, health: Health) -> Reply:
-        match request.what:
-            case "acquire" | "take" | "retain" | "release":
-                return self._answer_lease(request, now_s)
-            case _ if not self.authority.holds(request.lease):
-                return Reply(ok=False, reasons=("only the driver may do this: take the controls first",))
-            case "arm":
-                return self._arm(now_s, health)
-            case "home":
-                return self._home(health)
-            case "disarm":
-                self._switch_off()
-                self.supervisor.disarmed()
-            case "clear":
-                if self.supervisor.phase != "stopped":
-                    return Reply(ok=False, reasons=("there is no STOP to clear",))
-                self.supervisor.clear()
-            case "quit":
-                self.quit_requested = True
-        return Reply(ok=True, epoch=self.authority.epoch)
-
-    def _answer_lease(self, request: Request, now_s: float) -> Reply:
-        if request.what == "retain":
-            ok = self.authority.retain(request.lease, now_s)
-            return Reply(ok=ok, epoch=self.authority.epoch, reasons=() if ok else ("this lease is over",))
-        if request.what == "release":
-            ok = self.authority.release(request.lease)
-            if ok:
-                self._drive = None
-            return Reply(ok=ok, epoch=self.authority.epoch)
-        lease = (
-            self.authority.take(request.who, now_s)
-            if request.what == "take"
-            else self.authority.acquire(request.who, now_s)
-        )
-        if lease is None:
-            holder = self.authority.lease(now_s).holder
-            return Reply(ok=False, reasons=(f"{holder} drives",), epoch=self.authority.epoch)
+    def _lose_driver(self) -> None:
         self._drive = None
-        self._announce(Event(stamp=now_s, level="info", text=f"{request.who or 'somebody'} took the controls"))
-        return Reply(ok=True, lease=lease, epoch=self.authority.epoch)
+
+    def _disarm(self, request: Request, now_s: float, health: Health) -> Reply:
+        self._switch_off()
+        self.supervisor.disarmed()
+        return Reply(ok=True)
+
+    def _clear(self, request: Request, now_s: float, health: Health) -> Reply:
+        if self.supervisor.phase != "stopped":
+            return Reply(ok=False, reasons=("there is no STOP to clear",))
+        self.supervisor.clear()
+        return Reply(ok=True)
+
+    def _quit(self, request: Request, now_s: float, health: Health) -> Reply:
+        self.quit_requested = True
+        return Reply(ok=True)
 
     # ------------------------------------------------------------------ arming and homing
 
-    def _arm(self, now_s: float, health: Health) -> Reply:
+    def _arm(self, request: Request, now_s: float, health: Health) -> Reply:
         if self.supervisor.phase not in ("disarmed", "fault"):
             return Reply(ok=False, reasons=("it is armed already",))
         # A fault is cleared by enabling the motors, or is named again.
@@ -206,47 +174,41 @@ class RobotLoop:
         if reasons:
             return Reply(ok=False, reasons=reasons)
         try:
-            reasons = self.bus.enable()
+            reasons = self.drivetrain.bus.enable()
         except BusError as error:
             reasons = (str(error),)
-        if reasons or self._feedback is None:
+        if reasons or self.drivetrain.feedback is None:
             return Reply(ok=False, reasons=reasons or ("the motors have not answered yet",))
-        self._exchange(None)
-        self._start_from_measured(self._feedback)
+        self.drivetrain.exchange(None)
+        self._start_from_measured(self.drivetrain.feedback)
         if not self.supervisor.homed:
-            self._homing = Homing(self.description, self._tendons.bending)
+            self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.armed()
-        return Reply(ok=True, epoch=self.authority.epoch)
+        return Reply(ok=True)
 
-    def _home(self, health: Health) -> Reply:
+    def _home(self, request: Request, now_s: float, health: Health) -> Reply:
         if self.supervisor.phase not in ("ready", "holding"):
             return Reply(ok=False, reasons=("arm it first; homing needs the drives on and standing still",))
         if health.blocking:
             return Reply(ok=False, reasons=health.blocking)
-        self._homing = Homing(self.description, self._tendons.bending)
+        self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.start_homing()
-        return Reply(ok=True, epoch=self.authority.epoch)
+        return Reply(ok=True)
 
     def _start_from_measured(self, feedback: Feedback) -> None:
         """Bumpless: the first setpoint after switching on is where the drives stand."""
         if not self.supervisor.homed:
-            rest = self._travel_of(self.motion.configuration.rest())
-            self._transmission.refer(feedback.angle, rest)
-        self._setpoint = self._transmission.travel(feedback.angle)
-        self.motion.reset(self._measured(self._setpoint))
-        self._bias = self._setpoint - self._travel_of(self.motion.q)
+            rest = self.drivetrain.travel_of(self.motion.configuration.rest())
+            self.drivetrain.transmission.refer(feedback.angle, rest)
+        self._setpoint = self.drivetrain.transmission.travel(feedback.angle)
+        self.motion.reset(self.drivetrain.q_of(self._setpoint, self.motion.q))
+        self._bias = self._setpoint - self.drivetrain.travel_of(self.motion.q)
 
     def _switch_off(self, hold: bool = False) -> None:
         """No more setpoints; the drives lose their torque, or with `hold` keep standing where they are."""
         self._setpoint = None
         self._homing = None
-        try:
-            if hold:
-                self.bus.hold()
-            else:
-                self.bus.disable()
-        except BusError as error:
-            self._gone = str(error)
+        self.drivetrain.switch_off(hold)
 
     # ------------------------------------------------------------------ setpoints
 
@@ -263,18 +225,18 @@ class RobotLoop:
         return self._setpoint
 
     def _step_homing(self, setpoint: Floats) -> Floats:
-        if self._homing is None or self._feedback is None:
+        if self._homing is None or self.drivetrain.feedback is None:
             return setpoint
         try:
-            target = self._homing.step(setpoint, self._transmission.load(self._feedback.current), self.period_s)
+            target = self._homing.step(setpoint, self.drivetrain.loads(), self.period_s)
         except HomingError as error:
             self.supervisor.homing_failed(str(error))
             return setpoint
         if not self._homing.done:
             return target
         # Zero is where the tendons carry their pretension now; twist and feed keep what they are taken for.
-        rest = self._travel_of(self.motion.configuration.rest())
-        self._transmission.refer(self._transmission.angle(target), rest)
+        rest = self.drivetrain.travel_of(self.motion.configuration.rest())
+        self.drivetrain.transmission.refer(self.drivetrain.transmission.angle(target), rest)
         self.motion.reset(self.motion.configuration.rest())
         self._bias = np.zeros_like(self._bias)
         self.supervisor.homing_done()
@@ -285,8 +247,8 @@ class RobotLoop:
             self._final = FinalAction(self.description)
             self.authority.revoke()
             self._drive = None
-        if self._setpoint is not None and self._feedback is not None and not self._final.done:
-            load = self._transmission.load(self._feedback.current)
+        if self._setpoint is not None and self.drivetrain.feedback is not None and not self._final.done:
+            load = self.drivetrain.loads()
             self._setpoint = self._limits.clamp(self._final.step(self._setpoint, load, self.period_s))
             return self._setpoint
         if self._setpoint is not None:
@@ -301,8 +263,8 @@ class RobotLoop:
         q, velocity = self.motion.propose(intent, self.period_s)
         if moving:
             self._bias = np.sign(self._bias) * np.maximum(np.abs(self._bias) - BIAS_RATE * self.period_s, 0.0)
-        target = self._travel_of(q) + self._bias
-        load = self._transmission.load(self._feedback.current) if self._feedback else np.zeros_like(target)
+        target = self.drivetrain.travel_of(q) + self._bias
+        load = self.drivetrain.loads()
         allowed = self._limits.allow(setpoint, target - setpoint, load, self.period_s)
         self._limited = allowed.reason
         if allowed.scale < 1.0:
@@ -312,39 +274,15 @@ class RobotLoop:
         self.motion.take(q, velocity)
         return self._limits.clamp(target)
 
-    def _travel_of(self, q: Floats) -> Floats:
-        """Travel of all drives for a configuration."""
-        travel = np.zeros(len(self.description.drives))
-        travel[self._tendon_index] = self._tendons.lengths(q)
-        if self.description.twist_drive is not None:
-            travel[self.description.twist_drive] = q[TWIST]
-        if self.description.feed_drive is not None:
-            travel[self.description.feed_drive] = q[FEED]
-        return travel
-
-    def _measured(self, travel: Floats) -> Floats:
-        """q from the drives' travel alone (least squares over all tendons)."""
-        q = self.motion.q.copy()
-        if self.description.twist_drive is not None:
-            q[TWIST] = travel[self.description.twist_drive]
-        if self.description.feed_drive is not None:
-            q[FEED] = travel[self.description.feed_drive]
-        return self._tendons.shape(travel[self._tendon_index], q).q
-
-    # ------------------------------------------------------------------ the bus
-
-    def _exchange(self, travel: Floats | None) -> None:
-        try:
-            self._feedback = self.bus.exchange(None if travel is None else self._transmission.angle(travel))
-            self._gone = ""
-        except BusError as error:
-            self._gone = str(error)
-
     # ------------------------------------------------------------------ what it tells
 
     def _snapshot(self, start_s: float, health: Health) -> RobotState:
         supervisor, now = self.supervisor, self.clock.now()
-        travel = self._transmission.travel(self._feedback.angle) if self._feedback else self._travel_of(self.motion.q)
+        travel = (
+            self.drivetrain.transmission.travel(self.drivetrain.feedback.angle)
+            if self.drivetrain.feedback
+            else self.drivetrain.travel_of(self.motion.q)
+        )
         waiting = supervisor.phase in ("disarmed", "fault", "stopped")
         doing = self._homing.progress if self._homing else ""
         return RobotState(
@@ -360,10 +298,10 @@ class RobotLoop:
             accepted=self.authority.last_sequence,
             mode=self._drive.command.mode if self._drive else "section",
             commanded=tuple(self.motion.q.tolist()),
-            measured=tuple(self._measured(travel).tolist()),
-            drives=drives_report(self._feedback, travel, self._setpoint, self._transmission),
-            drops=dict(self.authority.drops + self._malformed),
-            bus=dict(self.bus.counts),
+            measured=tuple(self.drivetrain.q_of(travel, self.motion.q).tolist()),
+            drives=drives_report(self.drivetrain.feedback, travel, self._setpoint, self.drivetrain.transmission),
+            drops=dict(self.authority.drops + self._malformed + self.requests.malformed),
+            bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s),
         )
 

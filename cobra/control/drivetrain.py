@@ -1,0 +1,70 @@
+"""From the configuration to the motors and back: tendon map, transmission and the one exchange with the bus."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cobra.description import RobotDescription
+from cobra.kinematics.configuration import FEED, TWIST
+from cobra.kinematics.tendons import TendonMap
+from cobra.motors.bus import BusError, Feedback, MotorBus
+from cobra.motors.transmission import Transmission
+
+Floats = NDArray[np.float64]
+
+
+class Drivetrain:
+    """Travel of all drives (drives,): m of tendon paid out, m of feed, rad of twist; and what the motors last said."""
+
+    def __init__(self, description: RobotDescription, bus: MotorBus) -> None:
+        self.description = description
+        self.bus = bus
+        self.tendons = TendonMap(description)
+        self.transmission = Transmission(description)
+        self.feedback: Feedback | None = None
+        self.gone = ""
+        """Why the bus cannot be reached, in words; empty while it can."""
+        self.tendon_index = np.array(description.tendon_drives, dtype=np.int64)
+        """For each tendon the index of its drive."""
+
+    def travel_of(self, q: Floats) -> Floats:
+        """Travel of all drives for a configuration."""
+        travel = np.zeros(len(self.description.drives))
+        travel[self.tendon_index] = self.tendons.lengths(q)
+        if self.description.twist_drive is not None:
+            travel[self.description.twist_drive] = q[TWIST]
+        if self.description.feed_drive is not None:
+            travel[self.description.feed_drive] = q[FEED]
+        return travel
+
+    def q_of(self, travel: Floats, near: Floats) -> Floats:
+        """q from the drives' travel alone (least squares over all tendons); what no drive moves is taken from `near`."""
+        q = near.copy()
+        if self.description.twist_drive is not None:
+            q[TWIST] = travel[self.description.twist_drive]
+        if self.description.feed_drive is not None:
+            q[FEED] = travel[self.description.feed_drive]
+        return self.tendons.shape(travel[self.tendon_index], q).q
+
+    def loads(self) -> Floats:
+        """Load of each drive from motor current [N or N·m]; zeros before the first feedback."""
+        if self.feedback is None:
+            return np.zeros(len(self.description.drives))
+        return self.transmission.load(self.feedback.current)
+
+    def exchange(self, travel: Floats | None) -> None:
+        """Send the setpoints, or only read with None, and keep the feedback. A bus that is gone is remembered in `gone`."""
+        try:
+            self.feedback = self.bus.exchange(None if travel is None else self.transmission.angle(travel))
+            self.gone = ""
+        except BusError as error:
+            self.gone = str(error)
+
+    def switch_off(self, hold: bool) -> None:
+        """The drives lose their torque, or with `hold` keep standing where they are."""
+        try:
+            if hold:
+                self.bus.hold()
+            else:
+                self.bus.disable()
+        except BusError as error:
+            self.gone = str(error)

@@ -1,0 +1,64 @@
+"""Requests are asked once and answered: who may ask is decided here, what is done by whoever registered the act."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import msgspec
+
+from cobra.control.authority import Authority
+from cobra.control.supervisor import Health
+from cobra.messages import Event, Reply, Request, decode
+
+Act = Callable[[Request, float, Health], Reply]
+"""Carries out a request of the driver: (request, now [s], health) → reply. The reply's epoch is filled in here."""
+
+LEASE_REQUESTS = ("acquire", "take", "retain", "release")
+
+
+class Requests:
+    """Answers requests. `acts` maps what may be asked of the driver's hand to who does it; parts of the loop add theirs."""
+
+    def __init__(
+        self, authority: Authority, lose_driver: Callable[[], None], announce: Callable[[Event], None]
+    ) -> None:
+        self.acts: dict[str, Act] = {}
+        self.malformed: Counter[str] = Counter()
+        self._authority = authority
+        self._lose_driver = lose_driver
+        self._announce = announce
+
+    def answer(self, data: bytes, now_s: float, health: Health) -> Reply:
+        """The answer to the bytes of a request; what cannot be read is counted and refused."""
+        try:
+            request = decode(data, Request)
+        except msgspec.MsgspecError:
+            self.malformed["malformed request"] += 1
+            return Reply(ok=False, reasons=("the request could not be read",))
+        if request.what in LEASE_REQUESTS:
+            return self._answer_lease(request, now_s)
+        act = self.acts.get(request.what)
+        if act is None:
+            known = ", ".join(sorted(self.acts))
+            return Reply(ok=False, reasons=(f"there is no request {request.what!r} here; there are {known}",))
+        if not self._authority.holds(request.lease):
+            return Reply(ok=False, reasons=("only the driver may do this: take the controls first",))
+        return msgspec.structs.replace(act(request, now_s, health), epoch=self._authority.epoch)
+
+    def _answer_lease(self, request: Request, now_s: float) -> Reply:
+        authority = self._authority
+        if request.what == "retain":
+            ok = authority.retain(request.lease, now_s)
+            return Reply(ok=ok, epoch=authority.epoch, reasons=() if ok else ("this lease is over",))
+        if request.what == "release":
+            ok = authority.release(request.lease)
+            if ok:
+                self._lose_driver()
+            return Reply(ok=ok, epoch=authority.epoch)
+        take = authority.take if request.what == "take" else authority.acquire
+        lease = take(request.who, now_s)
+        if lease is None:
+            holder = authority.lease(now_s).holder
+            return Reply(ok=False, reasons=(f"{holder} drives",), epoch=authority.epoch)
+        self._lose_driver()
+        self._announce(Event(stamp=now_s, level="info", text=f"{request.who or 'somebody'} took the controls"))
+        return Reply(ok=True, lease=lease, epoch=authority.epoch)
