@@ -26,7 +26,7 @@ def test_help_names_every_option_and_subcommand():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_subcommand_has_help_with_an_example(command):
-    answer = run(command, "--help")
+    answer = run(*command.split(), "--help")
     assert answer.returncode == 0
     assert f"cobra-teleop {command}" in answer.stdout
     assert "Examples" in answer.stdout

@@ -1,0 +1,38 @@
+"""`cobra-teleop` without a subcommand: everything on one machine."""
+
+from typing import Annotated
+
+import tyro
+
+from app.commands.command import CanLog, RobotName, Twin
+
+
+def drive(
+    *,
+    robot: RobotName = "cobra",
+    twin: Twin = "default",
+    port: Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")] = 8080,
+    open_page: Annotated[
+        bool, tyro.conf.arg(name="open", help="Open the page in the browser, where there is a screen.")
+    ] = True,
+    pad: Annotated[bool, tyro.conf.arg(help="Read a gamepad plugged into this computer.")] = True,
+    frame_rate: Annotated[float, tyro.conf.arg(help="Frames per second of the 3D scene.")] = 30.0,
+    can_log: CanLog = None,
+    leave_robot: Annotated[
+        bool, tyro.conf.arg(help="At the end leave the robot process running (it holds) for the next console.")
+    ] = False,
+) -> int:
+    from app.console.console import Console, ConsoleOptions
+
+    return Console(
+        ConsoleOptions(
+            robot=robot,
+            twin=twin,
+            port=port,
+            open_page=open_page,
+            pad=pad,
+            frame_rate_Hz=frame_rate,
+            can_log=can_log,
+            leave_robot=leave_robot,
+        )
+    ).run()
