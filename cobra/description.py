@@ -112,6 +112,21 @@ class Tendon(_Part, frozen=True, kw_only=True):
     pretension_N: Positive
     min_tension_N: NonNegative
     max_tension_N: Positive
+    hole_friction: NonNegative = 0.0
+    """Coulomb's μ between tendon and vertebrae: a section bent by θ takes the factor exp(−μ θ) of the tension."""
+    conduit_friction: NonNegative = 0.0
+    """μ between tendon and conduit."""
+    conduit_bend_deg: NonNegative = 0.0
+    """All the bends between the drive and the active segment together, whatever their direction."""
+
+    @property
+    def conduit_bend_rad(self) -> float:
+        return math.radians(self.conduit_bend_deg)
+
+    @property
+    def youngs_modulus_Pa(self) -> float:
+        """EA over the cross-section."""
+        return self.axial_stiffness_N / (math.pi * self.diameter_m**2 / 4)
 
 
 class Motor(_Part, frozen=True, kw_only=True):
@@ -127,6 +142,8 @@ class Motor(_Part, frozen=True, kw_only=True):
     max_acceleration_rad_s2: Positive
     max_current_A: Positive
     back_drive_torque_Nm: NonNegative
+    backlash_deg: NonNegative = 0.0
+    """Lost motion on a reversal between the encoder and what is driven, at the output shaft; the load is felt throughout."""
     max_temperature_C: Positive
     min_voltage_V: Positive
     max_voltage_V: Positive
@@ -145,6 +162,10 @@ class Drive(_Part, frozen=True, kw_only=True):
     """Tendon and feed: metres per radian of the output shaft."""
     reduction: Positive | None = None
     """Twist: turns of the output shaft for a turn of the robot."""
+    spool_runout_m: NonNegative = 0.0
+    """Eccentricity of the spool: travel errs by up to this much, once a turn."""
+    winds_over: bool = False
+    """The tendon winds up on top of itself: the spool's radius grows by the tendon's diameter with every turn."""
     direction: Literal[1, -1] = 1
     """+1: a positive angle pays the tendon out, feeds in, or twists to the right."""
     travel_range: Range
@@ -161,6 +182,29 @@ class Drive(_Part, frozen=True, kw_only=True):
         """travel_range in m or rad."""
         low, high = self.travel_range
         return (math.radians(low), math.radians(high)) if self.moves == "twist" else (low, high)
+
+
+class LoadCell(_Part, frozen=True, kw_only=True):
+    """A load cell that measures one tendon's tension beside its drive and sends it on the bus by itself."""
+
+    tendon: Name
+    bus: Name
+    frame_id: Annotated[int, Meta(ge=1, le=0x7FF)]
+    """Standard CAN identifier. Several cells may share a frame, at different bytes."""
+    byte_offset: Annotated[int, Meta(ge=0, le=7)] = 0
+    type: Literal["i16le", "i16be", "u16le", "u16be", "i32le", "i32be", "f32le", "f32be"] = "i16le"
+    scale_N: Positive
+    """Newtons per count; 1 for a float in newtons."""
+    rate_Hz: Annotated[float, Meta(gt=0, le=1000)]
+    noise_N: NonNegative = 0.0
+    """Standard deviation of a reading."""
+    bias_N: NonNegative = 0.0
+    """Largest offset of a reading; taring takes it off."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of its reading."""
+        return 2 if "16" in self.type else 4
 
 
 class Bus(_Part, frozen=True, kw_only=True):
@@ -205,6 +249,7 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     feed: Feed | None = None
     motors: Annotated[tuple[Motor, ...], Meta(min_length=1)]
     drives: Annotated[tuple[Drive, ...], Meta(min_length=1)]
+    load_cells: tuple[LoadCell, ...] = ()
     buses: Annotated[tuple[Bus, ...], Meta(min_length=1)]
     teleop: Teleop
     provenance: Provenance = Provenance()

@@ -12,6 +12,7 @@ import msgspec
 
 from cobra.description import Drive, Range, RobotDescription, Section
 from cobra.errors import OperatorError
+from cobra.plausible import implausible
 
 
 class DescriptionError(OperatorError):
@@ -155,7 +156,14 @@ def _struct_in(info: Any) -> Any:
 
 def contradictions(d: RobotDescription) -> list[str]:
     """What the types cannot say: numbers that contradict each other, names that point nowhere."""
-    return [*_not_finite(d), *_wrong_sections(d), *_wrong_ranges(d), *_wrong_drives(d), *_wrong_provenance(d)]
+    return [
+        *_not_finite(d),
+        *_wrong_sections(d),
+        *_wrong_ranges(d),
+        *_wrong_drives(d),
+        *implausible(d),
+        *_wrong_provenance(d),
+    ]
 
 
 def _not_finite(d: RobotDescription) -> list[str]:
