@@ -2,6 +2,7 @@
 
 cobra/<robot>/state     robot → all     RobotState, every tick; only the newest matters
 cobra/<robot>/event     robot → all     Event
+cobra/<robot>/heard     robot → recorders   Heard: commands with the robot's verdict, answered requests
 cobra/<robot>/truth     twin → tests and plots only
 cobra/<robot>/command   driver → robot  Command
 cobra/<robot>/stop      anybody → robot Stop
@@ -15,13 +16,13 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import msgspec
 import zenoh
 
 from cobra.errors import OperatorError
-from cobra.messages import Command, Event, Meta, Reply, Request, RobotState, Stop, decode, encode
+from cobra.messages import Command, Event, Heard, Meta, Reply, Request, RobotState, Stop, decode, encode
 
 REQUEST_TIMEOUT_S = 2.0
 
@@ -95,6 +96,7 @@ class RobotLink:
 
         self._state = _newest_only(session, name("state"))
         self._event = session.declare_publisher(name("event"))
+        self._heard = session.declare_publisher(name("heard"), congestion_control=zenoh.CongestionControl.DROP)
         self._truth = session.declare_publisher(name("truth"), congestion_control=zenoh.CongestionControl.DROP)
         self._subscribers = [
             session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
@@ -123,6 +125,10 @@ class RobotLink:
     def publish_event(self, event: Event) -> None:
         if self._session is not None:
             self._event.put(encode(event))
+
+    def publish_heard(self, heard: Heard) -> None:
+        if self._session is not None:
+            self._heard.put(encode(heard))
 
     def publish_truth(self, data: bytes) -> None:
         if self._session is not None:
@@ -205,12 +211,7 @@ class ConsoleLink:
         return decode(data, Meta)
 
     def _query(self, name: str, payload: bytes) -> bytes | None:
-        if self._session is None:
-            return None
-        for reply in self._session.get(key(self._robot, name), payload=payload, timeout=REQUEST_TIMEOUT_S):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+        return _ask(self._session, key(self._robot, name), payload) if self._session is not None else None
 
     def _take_state(self, sample: zenoh.Sample) -> None:
         try:
@@ -233,3 +234,65 @@ class ConsoleLink:
 
     def _take_alive(self, sample: zenoh.Sample) -> None:
         self._on_alive(sample.kind == zenoh.SampleKind.PUT)
+
+
+class Listener:
+    """Hears what a robot publishes without being one of its consoles: a robot that is only recorded is alone.
+
+    Args:
+        robot: its name.
+        endpoint: where its link listens.
+        hear: what to call with the bytes of each message, by the key's last word ("state", "event", …). Called on the
+            link's own threads: it must only put them aside.
+        on_alive: called when the robot process comes and goes.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        endpoint: str,
+        hear: Mapping[str, Callable[[bytes], None]],
+        on_alive: Callable[[bool], None] = lambda alive: None,
+    ) -> None:
+        self._robot = robot
+        self._endpoint = endpoint
+        self._hear = dict(hear)
+        self._on_alive = on_alive
+        self._session: zenoh.Session | None = None
+
+    def start(self) -> Meta:
+        """Connect; returns what the robot says of itself.
+
+        Raises:
+            LinkError: nobody listens there, or nobody answers.
+        """
+        session = self._session = _open([], [self._endpoint])
+
+        def passing(what: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+            return lambda sample: what(sample.payload.to_bytes())
+
+        self._subscribers = [
+            session.declare_subscriber(key(self._robot, name), passing(what)) for name, what in self._hear.items()
+        ]
+        self._alive = session.liveliness().declare_subscriber(
+            key(self._robot, "alive"),
+            lambda sample: self._on_alive(sample.kind == zenoh.SampleKind.PUT),
+            history=True,
+        )
+        data = _ask(session, key(self._robot, "meta"), b"")
+        if data is None:
+            self.stop()
+            raise LinkError(f"robot {self._robot!r} does not answer on {self._endpoint}")
+        return decode(data, Meta)
+
+    def stop(self) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()  # type: ignore[no-untyped-call]
+
+
+def _ask(session: zenoh.Session, name: str, payload: bytes) -> bytes | None:
+    for reply in session.get(name, payload=payload, timeout=REQUEST_TIMEOUT_S):
+        if reply.ok is not None:
+            return reply.ok.payload.to_bytes()
+    return None

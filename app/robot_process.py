@@ -60,7 +60,7 @@ def run_robot(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
-        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event)
+        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard)
         link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request)
         runtime.register("robot", description.name, endpoint)
         watch = _Watch(link, lambda: loop.abandon(leave_when_orphaned), orphaned_s)

@@ -84,7 +84,8 @@ class Event(Message, frozen=True, kw_only=True):
     """Something worth telling people, once."""
 
     stamp: float
-    level: Literal["info", "warning", "alarm"]
+    level: Literal["info", "warning", "alarm", "marker"]
+    """A marker is what an operator wanted to be found again."""
     text: str
 
 
@@ -153,6 +154,33 @@ class RobotState(Message, frozen=True, kw_only=True):
     bus: dict[str, int] = {}
     """Frames that were not usable, by reason."""
     timing: Timing = Timing()
+
+
+class Judged(Message, frozen=True, kw_only=True):
+    """A command as it arrived and what the robot made of it. Its lease is a fingerprint only."""
+
+    stamp: float
+    """Arrival [s, robot's clock]."""
+    command: Command
+    dropped: str = ""
+    """Why it was not obeyed; empty when it was."""
+
+
+class Answered(Message, frozen=True, kw_only=True):
+    """A request and its answer. Leases are fingerprints only."""
+
+    stamp: float
+    request: Request
+    reply: Reply
+
+
+class Heard(Message, frozen=True, kw_only=True):
+    """All that the robot was told in one tick, for whoever records."""
+
+    commands: tuple[Judged, ...] = ()
+    answers: tuple[Answered, ...] = ()
+    omitted: int = 0
+    """Of a flood: what arrived beside these in the same tick."""
 
 
 class Meta(Message, frozen=True, kw_only=True):

@@ -25,8 +25,9 @@ from cobra.control.report import drives_report, health_of
 from cobra.control.requests import Requests
 from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.timing import LoopTiming
+from cobra.control.witness import Witness
 from cobra.description import RobotDescription
-from cobra.messages import Command, Event, Reply, Request, RobotState, Stop, decode
+from cobra.messages import Command, Event, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.homing import Homing, HomingError
 
@@ -46,6 +47,7 @@ class RobotLoop:
         clock: Clock,
         publish: Callable[[RobotState], None],
         announce: Callable[[Event], None],
+        testify: Callable[[Heard], None] = lambda heard: None,
     ) -> None:
         self.description = description
         self.clock = clock
@@ -60,6 +62,7 @@ class RobotLoop:
         self.period_s = 1.0 / description.teleop.loop_rate_Hz
         self.quit_requested = False
         self._publish = publish
+        self._witness = Witness(testify)
         self._announce = announce
         self.drivetrain = Drivetrain(description, bus)
         self._limits = DriveLimits(description)
@@ -90,6 +93,7 @@ class RobotLoop:
         self.drivetrain.exchange(self._next_setpoint(moving))
         state = self._snapshot(start, health)
         self._publish(state)
+        self._witness.tell()
         self._tell_changes(state)
         self._tick += 1
         return state
@@ -138,13 +142,17 @@ class RobotLoop:
             except msgspec.MsgspecError:
                 self._malformed["malformed message"] += 1
                 continue
-            if self.authority.accept(command, now_s) is None:
+            dropped = self.authority.accept(command, now_s)
+            if dropped is None:
                 self._drive = Drive(command, now_s)
+            self._witness.command(command, dropped, now_s)
 
     def _take_requests(self, now_s: float, health: Health) -> None:
         while self.inbox.requests:
             asked = self.inbox.requests.popleft()
-            asked.answer(self.requests.answer(asked.data, now_s, health))
+            reply = self.requests.answer(asked.data, now_s, health)
+            asked.answer(reply)
+            self._witness.request(asked.data, reply, now_s)
 
     def _lose_driver(self) -> None:
         self._drive = None

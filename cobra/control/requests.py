@@ -13,6 +13,8 @@ Act = Callable[[Request, float, Health], Reply]
 """Carries out a request of the driver: (request, now [s], health) → reply. The reply's epoch is filled in here."""
 
 LEASE_REQUESTS = ("acquire", "take", "retain", "release")
+MARKER_LENGTH = 200
+"""Characters of a marker's text that are kept."""
 
 
 class Requests:
@@ -36,6 +38,8 @@ class Requests:
             return Reply(ok=False, reasons=("the request could not be read",))
         if request.what in LEASE_REQUESTS:
             return self._answer_lease(request, now_s)
+        if request.what == "mark":
+            return self._mark(request, now_s)
         act = self.acts.get(request.what)
         if act is None:
             known = ", ".join(sorted(self.acts))
@@ -43,6 +47,12 @@ class Requests:
         if not self._authority.holds(request.lease):
             return Reply(ok=False, reasons=("only the driver may do this: take the controls first",))
         return msgspec.structs.replace(act(request, now_s, health), epoch=self._authority.epoch)
+
+    def _mark(self, request: Request, now_s: float) -> Reply:
+        """Anybody may leave a marker: it moves nothing, and everybody sees it on the same clock."""
+        by = f" ({request.who})" if request.who else ""
+        self._announce(Event(stamp=now_s, level="marker", text=f"{request.reason[:MARKER_LENGTH] or 'Marker'}{by}"))
+        return Reply(ok=True, epoch=self._authority.epoch)
 
     def _answer_lease(self, request: Request, now_s: float) -> Reply:
         authority = self._authority
