@@ -75,6 +75,12 @@ class Chain:
     """(m,) k [N/m], m as `RobotDescription.tendon_names`."""
     tendon_rest: Floats
     """(m,) length of each tendon's path along the straight robot [m]."""
+    drive_actuators: Indices
+    """(drives,) actuator of each drive; −1 for a tendon that is made of pieces."""
+    pieces: Indices | None
+    """(m, sections) actuator that pulls each tendon within each section, −1 beyond its end; None without friction."""
+    piece_tendons: Indices | None
+    """(m, sections) MuJoCo's tendon of each piece, −1 beyond its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,17 +107,25 @@ def intervals(description: RobotDescription) -> Iterator[_Interval]:
             start, face = end, half
 
 
-def build_chain(description: RobotDescription, kind: Kind) -> Chain:
+def build_chain(description: RobotDescription, kind: Kind, payload_kg: float = 0.0) -> Chain:
     """Generate and compile the model of a robot.
 
     `kind` "default" has the description's tendons and gravity, "ideal" stiff tendons and no gravity.
     """
-    builder = _Builder(description, kind)
+    builder = _Builder(description, kind, payload_kg)
     spec = builder.build()
     model = spec.compile()
     joints = np.array([model.joint(spring.name).id for spring in builder.springs], dtype=np.intp)
     names = [f"vertebra {k}" for k in range(1, builder.vertebra + 1)]
-    tendons = [model.tendon(name).id for name in description.tendon_names]
+    sections = range(len(description.sections))
+
+    def found(kind: mujoco.mjtObj, name: str) -> int:
+        return mujoco.mj_name2id(model, kind, name)
+
+    def pieces(kind: mujoco.mjtObj) -> Indices:
+        rows = [[found(kind, piece_name(name, i)) for i in sections] for name in description.tendon_names]
+        return np.array(rows, dtype=np.intp)
+
     sites = np.array([model.site(name).id for name in names], dtype=np.intp)
     return Chain(
         model=model,
@@ -121,22 +135,40 @@ def build_chain(description: RobotDescription, kind: Kind) -> Chain:
         vertebra_bodies=np.asarray(model.site_bodyid[sites], dtype=np.intp),
         tip_site=model.site("tip").id,
         tendon_stiffness=np.array([builder.tendon_stiffness(name) for name in description.tendon_names]),
-        tendon_rest=np.array(model.tendon_length0[tendons], dtype=np.float64),
+        tendon_rest=np.array([builder.rest_length(model, name) for name in description.tendon_names]),
+        drive_actuators=np.array(
+            [found(mujoco.mjtObj.mjOBJ_ACTUATOR, f"drive {drive.name}") for drive in description.drives], dtype=np.intp
+        ),
+        pieces=pieces(mujoco.mjtObj.mjOBJ_ACTUATOR) if builder.frictional else None,
+        piece_tendons=pieces(mujoco.mjtObj.mjOBJ_TENDON) if builder.frictional else None,
     )
+
+
+def piece_name(tendon: str, section: int) -> str:
+    """Of the piece of a tendon within a section, and of what pulls it."""
+    return f"{tendon} in {section}"
 
 
 class _Builder:
     """Walks along the robot and adds bodies, joints and holes to a specification."""
 
-    def __init__(self, description: RobotDescription, kind: Kind) -> None:
+    def __init__(self, description: RobotDescription, kind: Kind, payload_kg: float) -> None:
         self.description = description
+        self.payload_kg = payload_kg
         self.kind = kind
         self.springs: list[Spring] = []
         self.vertebra = 0
         self._universal_joints = 0
         self._spec = mujoco.MjSpec()
         self._spans: list[tuple[Any, float, float | None]] = []  # body, origin, centre of its vertebra
-        self._holes: dict[str, list[str]] = {name: [] for name in description.tendon_names}
+        self._holes: dict[str, list[tuple[str, int]]] = {name: [] for name in description.tendon_names}
+        """Of each tendon, in order: site, and section in which it lies."""
+        tendon = description.tendon
+        self.frictional = (
+            kind == "default"
+            and tendon is not None
+            and (tendon.hole_friction > 0.0 or tendon.conduit_friction * tendon.conduit_bend_deg > 0.0)
+        )
         self._section_starts = [0.0, *accumulate(s.length_m for s in description.sections)]
         joints = sum(s.vertebrae * (2 if s.elongation else 1) for s in description.sections)
         inertia = description.backbone.mass_per_length_kg_m * description.active_length_m**3 / 20
@@ -166,6 +198,10 @@ class _Builder:
             return IDEAL_RATIO * section.bending_stiffness_Nm2 / section.length_m / section.routing.radius_m**2
         return self._tendon.axial_stiffness_N / (self._tendon.conduit_length_m + self._path_ends[name])
 
+    def rest_length(self, model: mujoco.MjModel, name: str) -> float:
+        """Of a tendon's path along the straight robot [m]."""
+        return float(sum(model.tendon_length0[model.tendon(part).id] for part, _ in self._parts(name)))
+
     @property
     def _tendon(self) -> Tendon:
         tendon = self.description.tendon
@@ -192,7 +228,7 @@ class _Builder:
             base.add_joint(name="twist", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
         self._body, self._origin = base, 0.0
         self._spans.append((base, 0.0, None))
-        self._add_holes(d.sections[0].vertebra_thickness_m / 2)
+        self._add_holes(d.sections[0].vertebra_thickness_m / 2, 0)
 
     def _add_interval(self, interval: _Interval) -> None:
         section = self.description.sections[interval.section]
@@ -212,13 +248,13 @@ class _Builder:
         centre = interval.end_m
         self._spans[-1] = (self._body, self._origin, centre)
         half = section.vertebra_thickness_m / 2
-        self._add_holes(centre - half)
+        self._add_holes(centre - half, interval.section)
         if not section.elongation and self._is_middle(interval):
             self._add_body(centre, centre)
             whole = self._section_stretch(interval.section)
             self._add_spring("torsion", interval.section, whole, torsion / section.length_m)
         self._body.add_site(name=f"vertebra {self.vertebra}", pos=self._at(centre))
-        self._add_holes(centre + half)
+        self._add_holes(centre + half, interval.section)
 
     def _section_stretch(self, section: int) -> tuple[float, float]:
         return self._section_starts[section], self._section_starts[section + 1]
@@ -269,8 +305,8 @@ class _Builder:
     def _at(self, arc_length_m: float) -> tuple[float, float, float]:
         return (0.0, 0.0, arc_length_m - self._origin)
 
-    def _add_holes(self, face_m: float) -> None:
-        """Sites at one face of the present vertebra, for every tendon that reaches it."""
+    def _add_holes(self, face_m: float, at: int) -> None:
+        """Sites at one face of the present vertebra, of section `at`, for every tendon that reaches it."""
         for section in self.description.sections:
             routing = section.routing
             if routing is None:
@@ -282,7 +318,7 @@ class _Builder:
                 site = f"{name} {len(self._holes[name])}"
                 x, y = routing.radius_m * math.cos(azimuth), routing.radius_m * math.sin(azimuth)
                 self._body.add_site(name=site, pos=(x, y, face_m - self._origin))
-                self._holes[name].append(site)
+                self._holes[name].append((site, at))
 
     def _add_masses(self) -> None:
         """Each body weighs what its stretch of backbone weighs; the base carries the passive body behind it."""
@@ -297,15 +333,50 @@ class _Builder:
             body.mass = mass
             body.ipos = (0.0, 0.0, ((origin + end) / 2 if centre is None else centre) - origin)
             body.inertia = (across, across, mass * backbone.diameter_m**2 / 8)
+        if self.payload_kg:
+            point = self.payload_kg * (backbone.diameter_m / 2) ** 2
+            tip = self._at(self.description.active_length_m)
+            self._body.add_body(
+                name="payload", pos=tip, explicitinertial=True, mass=self.payload_kg, inertia=(point, point, point)
+            )
 
     def _add_tendons(self) -> None:
-        for name, holes in self._holes.items():
-            tendon = self._spec.add_tendon(name=name)
-            for hole in holes:
-                tendon.wrap_site(hole)
+        for name in self._holes:
+            for part, sites in self._parts(name):
+                tendon = self._spec.add_tendon(name=part)
+                for site in sites:
+                    tendon.wrap_site(site)
+
+    def _parts(self, name: str) -> Iterator[tuple[str, list[str]]]:
+        """Name and sites of what a tendon is made of: one part, or one in every section if it rubs."""
+        holes = self._holes[name]
+        if not self.frictional:
+            yield name, [site for site, _ in holes]
+            return
+        for section in range(holes[-1][1] + 1):
+            own = [i for i, (_, at) in enumerate(holes) if at == section]
+            # It begins where the section before ends.
+            yield piece_name(name, section), [site for site, _ in holes[max(own[0] - 1, 0) : own[-1] + 1]]
 
     def _add_drive(self, drive: Drive) -> None:
-        """A drive sets a length, with stiffness and damping; on a tendon it can only pull."""
+        """A drive sets a length, with stiffness and damping; on a tendon it can only pull.
+
+        What a drive does to a tendon that rubs is for `cables.py` to say: its pieces get forces.
+        """
+        if drive.moves == "tendon" and self.frictional:
+            for part, _ in self._parts(str(drive.tendon)):
+                self._spec.add_actuator(
+                    name=part,
+                    target=part,
+                    trntype=mujoco.mjtTrn.mjTRN_TENDON,
+                    gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                    gainprm=[1.0, *[0.0] * 9],
+                    biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+                    biasprm=[0.0] * 10,
+                    forcelimited=True,
+                    forcerange=(-YIELD_RATIO * self._tendon.max_tension_N, 0.0),
+                )
+            return
         if drive.moves == "tendon":
             stiffness = self.tendon_stiffness(str(drive.tendon))
             target, transmission = drive.tendon, mujoco.mjtTrn.mjTRN_TENDON

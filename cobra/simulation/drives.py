@@ -16,6 +16,7 @@ import can
 from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, load_description, robot_names
+from cobra.simulation.losses import Losses, with_losses
 from cobra.simulation.plant import Plant
 from cobra.simulation.world import CHUNK_S, Stepping, World
 
@@ -77,6 +78,7 @@ class SimulatedBus(can.BusABC):
         can_filters: Any = None,
         *,
         twin: str | Plant = "default",
+        losses: str = "off",
         clock: Clock | None = None,
         stepping: Stepping = "thread",
         seed: int = 0,
@@ -87,9 +89,11 @@ class SimulatedBus(can.BusABC):
 
         Args:
             twin: "default", "ideal" or "none", or a plant of one's own.
+            losses: of the default twin: "seeded" draws stiffness, friction, lost motion and routing within ±30 % of the
+                description's by `seed`, "nominal" takes the description's, "off" has no friction and no lost motion.
             clock: what the world's time follows; the system's by default.
             stepping: "thread" advances the world in the background, "inline" only in `send` and `recv`.
-            seed: of the drives' positions at power-up and the tendons' slack.
+            seed: of the drives' positions at power-up, the tendons' slack, and the losses.
             description: instead of the file that the channel names.
             bitrate: accepted as from any interface; frames take no time.
 
@@ -105,8 +109,9 @@ class SimulatedBus(can.BusABC):
             network = _networks.get(self._robot)
             if network is None:
                 description = description or _load(self._robot)
-                plant = _make_plant(twin, description)
-                world = World(description, plant, clock or SystemClock(), _checked(stepping), seed)
+                true = with_losses(description, _losses(twin, losses), seed)
+                plant = _make_plant(twin, true)
+                world = World(description, plant, clock or SystemClock(), _checked(stepping), seed, true)
                 network = _Network(world)
             elif description is not None and description != network.world.description:
                 raise can.CanInitializationError(f"channel {channel!r} is open already, with another description")
@@ -211,6 +216,13 @@ def _make_plant(twin: str | Plant, description: RobotDescription) -> Plant | Non
     from cobra.simulation.twin import build_twin  # noqa: PLC0415
 
     return build_twin(description, "ideal" if twin == "ideal" else "default")
+
+
+def _losses(twin: str | Plant, losses: str) -> Losses:
+    """Only the default twin has any: the ideal one is ideal, and a plant of one's own has its own."""
+    if losses not in get_args(Losses):
+        raise can.CanInitializationError(f"losses = {losses!r}: must be one of {', '.join(get_args(Losses))}")
+    return cast(Losses, losses) if twin == "default" else "off"
 
 
 def _checked(stepping: str) -> Stepping:

@@ -23,7 +23,9 @@ class Truth:
     bends: Floats
     """(sections, 2) bend vector of each section [rad]."""
     tensions: Floats
-    """(tendons,) [N]."""
+    """(tendons,) at the motors [N]."""
+    tension_profile: Floats
+    """(tendons, 2 + sections) at the motor, at the port, and at the end of each section [N]; NaN beyond a tendon's end."""
 
 
 class Plant(Protocol):

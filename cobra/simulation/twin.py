@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from cobra.description import RobotDescription
-from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, Chain, Kind, build_chain
+from cobra.simulation.cables import Cables
+from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
 from cobra.simulation.plant import Floats, Truth
 
 BENDS = ("bend_x", "bend_y")
@@ -32,6 +33,10 @@ class Twin:
         self._tendons = np.array(d.tendon_drives, dtype=np.intp)
         self._offset = np.zeros(len(d.drives))
         self._offset[self._tendons] = chain.tendon_rest
+        self._cables = Cables(d, d.tendon, chain) if chain.pieces is not None and d.tendon else None
+        self._single = chain.drive_actuators >= 0
+        """Drives that have one actuator; the others' tendons rub and are pulled piece by piece."""
+        self._actuators = chain.drive_actuators[self._single]
         springs = chain.springs
         self._start = np.array([spring.start_m for spring in springs])
         self._span = np.array([spring.end_m - spring.start_m for spring in springs])
@@ -82,6 +87,43 @@ class Twin:
             wrench[:3] = force
             wrench[3:] = 0.0 if torque is None else torque
 
+    def break_tendon(self, name: str) -> None:
+        """From now on this tendon carries nothing.
+
+        Raises:
+            ValueError: there is no such tendon; so for `jam` and `slip`.
+        """
+        index = self._index(name)
+        with self._lock:
+            if self._cables is not None:
+                self._cables.break_tendon(index)
+            else:
+                actuator = self.chain.drive_actuators[self._tendons[index]]
+                self.chain.model.actuator_gainprm[actuator] = self.chain.model.actuator_biasprm[actuator] = 0.0
+
+    def jam(self, name: str) -> None:
+        """From now on this tendon is stuck at the port, whatever its drive does."""
+        index = self._index(name)
+        with self._lock:
+            if self._cables is None:
+                raise ValueError(f"tendon {name} cannot jam: this twin has no friction")
+            self._cables.jam(index)
+
+    def slip(self, name: str, length_m: float) -> None:
+        """Let this tendon slip on its spool by `length_m` [m], once; positive is paid out."""
+        index = self._index(name)
+        with self._lock:
+            if self._cables is not None:
+                self._cables.slip(index, length_m)
+            else:
+                self._offset[self._tendons[index]] += length_m
+
+    def _index(self, name: str) -> int:
+        names = self.description.tendon_names
+        if name not in names:
+            raise ValueError(f"no tendon {name!r}; there are {', '.join(names)}")
+        return names.index(name)
+
     def _place(self, travel: Floats) -> None:
         d, data = self.description, self.data
         if d.feed_drive is not None:
@@ -90,7 +132,7 @@ class Twin:
         if d.twist_drive is not None:
             data.joint("twist").qpos[0] = travel[d.twist_drive]
         mujoco.mj_forward(self.chain.model, data)
-        mujoco.mj_getState(self.chain.model, data, self._state, _STATE)
+        self._remember()
 
     def _run(self, start: Floats, end: Floats, duration_s: float) -> None:
         """Integrate; a bad state on the way ends in the last good one, at rest."""
@@ -102,7 +144,10 @@ class Twin:
         good = True
         for k in range(steps):
             # The force of a step belongs to its start; its damping is against the drive's own speed.
-            data.ctrl[:] = self._offset + start + (k * step_s + STEP_DAMPING_S) * speed
+            ahead = self._offset + start + (k * step_s + STEP_DAMPING_S) * speed
+            data.ctrl[self._actuators] = ahead[self._single]
+            if self._cables is not None:
+                self._cables.step(data, (start + k * step_s * speed)[self._tendons])
             mujoco.mj_step2(model, data)
             good = bool(data.qvel @ data.qvel < DIVERGED_SPEED**2)  # False for NaN too
             if not good:
@@ -111,10 +156,15 @@ class Twin:
                 self._expose(float(start[feed] + (k + 1) * step_s * speed[feed]))
             mujoco.mj_step1(model, data)
         if good:
-            mujoco.mj_getState(model, data, self._state, _STATE)
+            self._remember()
         else:
             self._recover()
         self._loads = self._drive_loads(end, speed)
+
+    def _remember(self) -> None:
+        mujoco.mj_getState(self.chain.model, self.data, self._state, _STATE)
+        if self._cables is not None:
+            self._memory = self._cables.memory()
 
     def _recover(self) -> None:
         self.recoveries += 1
@@ -123,6 +173,8 @@ class Twin:
         mujoco.mj_setState(self.chain.model, self.data, self._state, _STATE)
         self.data.time = time_s
         self.data.qvel[:] = 0.0
+        if self._cables is not None:
+            self._cables.restore(self._memory)
         mujoco.mj_forward(self.chain.model, self.data)
 
     def _expose(self, feed_m: float) -> None:
@@ -138,10 +190,16 @@ class Twin:
 
     def _drive_loads(self, travel: Floats, speed: Floats) -> Floats:
         """Force of each drive on its part; of a tendon the tension, k (l − l_free) with its damping, never below zero."""
-        model, data = self.chain.model, self.data
-        error = self._offset + travel - data.actuator_length + STEP_DAMPING_S * (speed - data.actuator_velocity)
-        force = model.actuator_gainprm[:, 0] * error
-        force[self._tendons] = np.clip(-force[self._tendons], 0.0, -model.actuator_forcerange[self._tendons, 0])
+        model, data, own = self.chain.model, self.data, self._actuators
+        error = self._offset + travel
+        error[self._single] -= data.actuator_length[own]
+        moving = speed.copy()
+        moving[self._single] -= data.actuator_velocity[own]
+        force = np.zeros_like(travel)
+        force[self._single] = model.actuator_gainprm[own, 0] * (error + STEP_DAMPING_S * moving)[self._single]
+        strongest = YIELD_RATIO * self.description.tendon.max_tension_N if self.description.tendon else 0.0
+        pulled = -force[self._tendons] if self._cables is None else self._cables.motor_tension
+        force[self._tendons] = np.clip(pulled, 0.0, strongest)
         return force
 
     def _observe(self) -> Truth:
@@ -155,9 +213,22 @@ class Twin:
             vertebrae=data.site_xpos[chain.vertebra_sites],
             bends=(self._bend_sums @ data.qpos).reshape(-1, 2),
             tensions=self._loads[self._tendons],
+            tension_profile=self._profile(),
         )
 
+    def _profile(self) -> Floats:
+        if self._cables is not None:
+            return self._cables.profile
+        d = self.description
+        ends = np.arange(len(d.sections)) <= np.array(d.tendon_section, dtype=np.intp).reshape(-1, 1)
+        known = np.concatenate([np.ones((len(ends), 2), dtype=np.bool_), ends], axis=1)
+        return np.where(known, self._loads[self._tendons][:, None], np.nan)
 
-def build_twin(description: RobotDescription, kind: Kind = "default") -> Twin:
-    """The twin of a robot: "default" with the description's tendons and gravity, "ideal" with stiff tendons, weightless."""
-    return Twin(description, build_chain(description, kind))
+
+def build_twin(description: RobotDescription, kind: Kind = "default", payload_kg: float = 0.0) -> Twin:
+    """The twin of a robot: "default" with the description's tendons and gravity, "ideal" with stiff tendons, weightless.
+
+    Args:
+        payload_kg: carried by the tip, a point mass.
+    """
+    return Twin(description, build_chain(description, kind, payload_kg))

@@ -13,6 +13,7 @@ import numpy as np
 from cobra.clock import Clock
 from cobra.description import RobotDescription
 from cobra.motors.rmd import DIALECTS, REQUEST_ID
+from cobra.simulation.lost_motion import LostMotion
 from cobra.simulation.plant import Floats, Plant, Truth
 from cobra.simulation.rmd_drive import RmdDrive
 from cobra.simulation.servos import Servos, State
@@ -30,13 +31,25 @@ _log = logging.getLogger(__name__)
 
 
 class World:
-    """Simulated drives of a robot and their plant; `plant=None` is a robot without any load."""
+    """Simulated drives of a robot and their plant; `plant=None` is a robot without any load.
+
+    Args:
+        description: the robot that its drivers believe in.
+        true: the robot that it is; the same by default.
+    """
 
     def __init__(
-        self, description: RobotDescription, plant: Plant | None, clock: Clock, stepping: Stepping, seed: int
+        self,
+        description: RobotDescription,
+        plant: Plant | None,
+        clock: Clock,
+        stepping: Stepping,
+        seed: int,
+        true: RobotDescription | None = None,
     ) -> None:
         rng = np.random.default_rng(seed)
-        motors = [description.motor_of(drive) for drive in description.drives]
+        true = true or description
+        motors = [true.motor_of(drive) for drive in true.drives]
         self.description = description
         self.clock = clock
         self.stepping = stepping
@@ -57,11 +70,11 @@ class World:
         self.failure: Exception | None = None
         """What ended the world, if it ended by itself."""
         self.plant = plant
-        self._per_rad = np.array([drive.travel_per_rad for drive in description.drives])
         # Tension pulls a tendon out, along its travel; the others' loads are forces of the drive, which bears their reaction.
-        sign = np.array([1.0 if drive.moves == "tendon" else -1.0 for drive in description.drives])
-        self._reaction = sign * self._per_rad
+        self._reaction = np.array([1.0 if drive.moves == "tendon" else -1.0 for drive in description.drives])
         self._start_travel: Floats = np.array([_start_travel(description, i, rng) for i in range(len(motors))])
+        self._lost_motion = LostMotion(true, np.random.default_rng([seed, 0x5B001]))
+        self._travel = self._start_travel
         self._load: Floats = np.zeros(len(motors))
         self._time_s = clock.now()
         self._stepping_lock = threading.Lock()
@@ -84,7 +97,7 @@ class World:
     @property
     def travel(self) -> Floats:
         """Where the drives' ends really are (drives,): m of tendon paid out, m of feed, rad of twist."""
-        return self._start_travel + self._per_rad * self.servos.angle
+        return self._travel
 
     @property
     def load(self) -> Floats:
@@ -127,9 +140,11 @@ class World:
                     self._send(bus_name, drive.dialect.reply_id + address, alarm)
 
     def _step(self) -> None:
-        angle = self.servos.step(self._load * self._reaction, CHUNK_S)
+        torque = self._load * self._reaction * self._lost_motion.lever(self.servos.angle)
+        angle = self.servos.step(torque, CHUNK_S)
+        self._travel = self._start_travel + self._lost_motion.travel(angle)
         if self.plant is not None:
-            self._load = self.plant.advance(self._start_travel + self._per_rad * angle, CHUNK_S)
+            self._load = self.plant.advance(self._travel, CHUNK_S)
 
     def _run(self) -> None:
         try:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cobra.loading import load_description
+from cobra.simulation.losses import with_losses
 from cobra.simulation.twin import Twin, build_twin
 
 pytestmark = pytest.mark.benchmark
@@ -26,9 +27,9 @@ def winding(twin: Twin, time_s: float) -> np.ndarray:
     return travel
 
 
-@pytest.mark.parametrize("kind", ["default", "ideal"])
-def test_the_twin_against_real_time(kind: str) -> None:
-    twin = build_twin(load_description("cobra"), kind)  # type: ignore[arg-type]
+@pytest.mark.parametrize(("kind", "losses"), [("default", "seeded"), ("default", "off"), ("ideal", "off")])
+def test_the_twin_against_real_time(kind: str, losses: str) -> None:
+    twin = build_twin(with_losses(load_description("cobra"), losses, 1), kind)  # type: ignore[arg-type]
     twin.advance(winding(twin, 0.0), 0.5)
     times = []
     for block in range(40):
@@ -40,7 +41,7 @@ def test_the_twin_against_real_time(kind: str) -> None:
     best, median = min(times), float(np.median(times))
     physics = _step_s(twin)
     print(
-        f"\n{kind} twin, {len(twin.description.drives)} drives, {twin.chain.model.nv} degrees of freedom: "
+        f"\n{kind} twin, losses {losses}, {len(twin.description.drives)} drives, {twin.chain.model.nv} degrees of freedom: "
         f"{CHUNK_S / median:.1f} x real time median, {CHUNK_S / best:.1f} x best; "
         f"{1e6 * best:.0f} us for a step of {1e3 * CHUNK_S:.0f} ms, of which MuJoCo {1e6 * physics:.0f} us"
     )

@@ -46,7 +46,13 @@ class Springs:
     def truth(self) -> Truth:
         tension = np.maximum(0.0, -self.stiffness * self.travel[:TENDONS])
         return Truth(
-            sum(self.calls), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros((1, 3)), np.zeros((3, 2)), tension
+            sum(self.calls),
+            np.zeros(3),
+            np.array([1.0, 0, 0, 0]),
+            np.zeros((1, 3)),
+            np.zeros((3, 2)),
+            tension,
+            np.tile(tension[:, None], 5),
         )
 
 

@@ -12,10 +12,11 @@ from msgspec.structs import replace
 
 from cobra.description import RobotDescription
 from cobra.loading import load_description
+from cobra.simulation.losses import with_losses
 from cobra.simulation.twin import Twin, build_twin
 from tests.cobra.simulation.references import arc_chain, shortening
 
-COBRA = load_description("cobra")
+COBRA = with_losses(load_description("cobra"), "off", 0)
 LENGTHS = [section.length_m for section in COBRA.sections]
 MAX_BEND = COBRA.sections[0].max_bend_rad
 PRETENSION_N = 8.0

@@ -6,10 +6,11 @@ from msgspec.structs import replace
 
 from cobra.description import Elongation, RobotDescription, Routing, Section
 from cobra.loading import load_description
+from cobra.simulation.losses import with_losses
 from cobra.simulation.twin import Twin, build_twin
 from tests.cobra.simulation.references import cantilever
 
-COBRA = load_description("cobra")
+COBRA = with_losses(load_description("cobra"), "off", 0)
 EI, LENGTH = COBRA.sections[0].bending_stiffness_Nm2, COBRA.active_length_m
 SLACK = np.array([0.2] * 12 + [0.0, LENGTH])
 
