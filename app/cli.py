@@ -7,7 +7,7 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, robot, simulate
+from app.commands import check, robot, simulate, users
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -34,6 +34,7 @@ COMMANDS = {
         robot.COMMAND,
         simulate.COMMAND,
         check.COMMAND,
+        *users.COMMANDS,
     )
 }
 

@@ -14,6 +14,13 @@ if os.environ.get("CI"):
     settings.load_profile("ci")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def folders_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Users, profiles and audit trails of whoever runs the tests stay out of them."""
+    for kind in ("CONFIG", "STATE"):
+        os.environ[f"COBRA_TELEOP_{kind}_DIR"] = str(tmp_path_factory.mktemp(kind.lower()))
+
+
 @pytest.fixture
 def plug() -> Iterator[Callable[..., VirtualPad]]:
     """Plug virtual pads into this process; they are pulled out when the test ends."""

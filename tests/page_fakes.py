@@ -1,16 +1,19 @@
 """For the front door's tests: a robot that stands still and remembers all that it was told, and a page."""
 
+import http.client
 import json
 import math
 import threading
 from collections.abc import Awaitable, Callable
 from typing import Any, Self
+from urllib.parse import urlencode
 
 from websockets import Origin
 from websockets.sync.client import connect
 
 from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN, PAD_MAP
+from app.console.page_socket import Asker
 from app.console.page_state import Answer, Snapshot, Welcome
 
 TENDONS = [f"{side}{section}" for section in (1, 2, 3) for side in "SENW"]
@@ -23,6 +26,9 @@ class FakeSession:
         self.seen = threading.Condition()
         self.received: list[tuple[str, int, Controls]] = []
         self.acts: list[tuple[str, str, int | None]] = []
+        self.texts: list[str] = []
+        self.askers: list[str] = []
+        self.signed: list[tuple[str, str]] = []
         self.ended: list[str] = []
         self.changes: dict[str, Any] = {}
         self.before_snapshot: Callable[[], None] = lambda: None
@@ -44,6 +50,7 @@ class FakeSession:
             "max_tension_N": 60.0,
             "pad_map": list(PAD_MAP),
             "versions": {"cobra-teleop": "0.1.0"},
+            "danger": "",
         }
 
     def snapshot(self) -> Snapshot:
@@ -112,11 +119,18 @@ class FakeSession:
             self.ended.append(page)
             self.seen.notify_all()
 
-    def act(self, page: str, what: str, value: int | None) -> Answer | Awaitable[Answer]:
+    def act(self, asker: Asker, what: str, value: int | None, text: str) -> Answer | Awaitable[Answer]:
         with self.seen:
-            self.acts.append((page, what, value))
+            self.acts.append((asker.page, what, value))
+            self.askers.append(asker.visitor.name)
+            self.texts.append(text)
             self.seen.notify_all()
         return self.answer(what, value)
+
+    def note_session(self, what: str, name: str, address: str) -> None:
+        with self.seen:
+            self.signed.append((what, name))
+            self.seen.notify_all()
 
     # ------------------------------------------------------------------ what the tests ask
 
@@ -138,11 +152,29 @@ class FakeSession:
         return [what for _, what, _ in self.acts]
 
 
-class PageClient:
-    """The page's websocket as a hostile or honest program would speak it."""
+def cookie_of(port: int, user: tuple[str, str] | None = None) -> str:
+    """The cookie that a browser has: after opening the page, or after signing in as (name, token)."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    if user is None:
+        connection.request("GET", "/")
+    else:
+        form = urlencode({"name": user[0], "token": user[1]})
+        connection.request("POST", "/sign-in", form, {"content-type": "application/x-www-form-urlencoded"})
+    response = connection.getresponse()
+    response.read()
+    connection.close()
+    return (response.getheader("set-cookie") or "").partition(";")[0]
 
-    def __init__(self, port: int) -> None:
-        self._connection = connect(f"ws://127.0.0.1:{port}/ws", origin=Origin(f"http://127.0.0.1:{port}"))
+
+class PageClient:
+    """The page's websocket as a hostile or honest program would speak it; without a cookie it opens the page first."""
+
+    def __init__(self, port: int, cookie: str | None = None) -> None:
+        self._connection = connect(
+            f"ws://127.0.0.1:{port}/ws",
+            origin=Origin(f"http://127.0.0.1:{port}"),
+            additional_headers={"cookie": cookie_of(port) if cookie is None else cookie},
+        )
         self.welcome = self.next("welcome")
         self.snapshot = self.next("snapshot")
         self.sequence = 0

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
@@ -20,6 +21,7 @@ from websockets.sync.client import connect
 from app.link import ConsoleLink, key
 from app.runtime import Running
 from cobra.messages import RobotState
+from tests.page_fakes import cookie_of
 
 START_S = 60.0
 
@@ -43,7 +45,8 @@ class Stack:
         self.folder = folder
         self.robot = robot
         self.arguments = arguments
-        self.environment = {**os.environ, "COBRA_TELEOP_RUNTIME_DIR": str(folder), "PYTHONUNBUFFERED": "1"}
+        own = {f"COBRA_TELEOP_{kind}_DIR": str(folder) for kind in ("RUNTIME", "CONFIG", "STATE")}
+        self.environment = {**os.environ, **own, "PYTHONUNBUFFERED": "1"}
         self.output = folder / "console.txt"
         self.process: subprocess.Popen[bytes] | None = None
         self.observer: Observer | None = None
@@ -211,10 +214,16 @@ class Observer:
 
 
 class Page:
-    """Speaks the operator's page's websocket: controls at 50 Hz from a thread, requests with their answers."""
+    """Speaks the operator's page's websocket: controls at 50 Hz from a thread, requests with their answers.
 
-    def __init__(self, url: str) -> None:
-        self._socket = connect(url.replace("http", "ws") + "ws", origin=url.rstrip("/"))
+    Without a `user` (name, token) it comes as a browser does to a console without users: it opens the page first.
+    """
+
+    def __init__(self, url: str, user: tuple[str, str] | None = None) -> None:
+        cookie = cookie_of(urlsplit(url).port or 80, user)
+        self._socket = connect(
+            url.replace("http", "ws") + "ws", origin=url.rstrip("/"), additional_headers={"cookie": cookie}
+        )
         self._lock = threading.Lock()
         self._quit = threading.Event()
         self._answers: dict[int, dict[str, Any]] = {}
@@ -237,11 +246,11 @@ class Page:
         with self._lock:
             self._controls = {**_REST, "held": False}
 
-    def ask(self, what: str, value: int | None = None) -> dict[str, Any]:
+    def ask(self, what: str, value: int | None = None, text: str = "") -> dict[str, Any]:
         with self._lock:
             self._ids += 1
             number = self._ids
-            self._send({"type": "act", "id": number, "what": what, "value": value})
+            self._send({"type": "act", "id": number, "what": what, "value": value, "text": text})
         return wait_for(f"the answer to {what}", lambda: self._answers.pop(number, None))
 
     def arm(self) -> None:

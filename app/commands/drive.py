@@ -1,5 +1,6 @@
 """`cobra-teleop` without a subcommand: everything on one machine."""
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -12,6 +13,17 @@ def drive(
     robot: RobotName = "cobra",
     twin: Twin = "default",
     port: Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")] = 8080,
+    host: Annotated[
+        str, tyro.conf.arg(help="Address to serve the page on; others than loopback need users and TLS.")
+    ] = "127.0.0.1",
+    tls_cert: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="Certificate with its chain, PEM.")] = None,
+    tls_key: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="The certificate's key, PEM.")] = None,
+    name: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME", help="Further host names by which browsers may come.")
+    ] = (),
+    insecure: Annotated[
+        bool, tyro.conf.arg(help="Listen beyond loopback without users or TLS all the same; the page says so.")
+    ] = False,
     open_page: Annotated[
         bool, tyro.conf.arg(name="open", help="Open the page in the browser, where there is a screen.")
     ] = True,
@@ -28,7 +40,12 @@ def drive(
         ConsoleOptions(
             robot=robot,
             twin=twin,
+            host=host,
             port=port,
+            tls_cert=tls_cert,
+            tls_key=tls_key,
+            names=name,
+            insecure=insecure,
             open_page=open_page,
             pad=pad,
             frame_rate_Hz=frame_rate,

@@ -11,24 +11,27 @@ import threading
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from app import runtime
+from app.console import listening
 from app.console.driver import Driver
 from app.console.front_door import FrontDoor
 from app.console.gamepad import Gamepad
 from app.console.inputs import Controls
+from app.console.listening import Tls, load_tls, own_names
 from app.console.pilot import Pilot
 from app.console.robot_connection import RobotConnection
 from app.console.robot_keeper import RobotKeeper
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
+from app.people.sessions import Sessions
+from app.people.users import Users
 from cobra.clock import SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import load_description
 
 log = logging.getLogger("cobra.console")
-HOST = "127.0.0.1"
 SWITCH_INTERVAL_S = 0.0005
 PRECEDENCE = 20
 PAD = "pad"
@@ -41,7 +44,12 @@ class ConsoleOptions:
 
     robot: str = "cobra"
     twin: str = "default"
+    host: str = "127.0.0.1"
     port: int = 8080
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    names: tuple[str, ...] = ()
+    insecure: bool = False
     open_page: bool = True
     pad: bool = True
     frame_rate_Hz: float = 30.0
@@ -70,6 +78,8 @@ class Console:
         # The pad's thread and the driver's must not wait 5 ms behind a busy scene.
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         _ask_for_precedence()
+        users, tls = Users(), load_tls(options.tls_cert, options.tls_key)
+        danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         description = load_description(options.robot)
         _refuse_a_second(description.name)
         keeper = RobotKeeper(options.robot, description.name, _robot_options(options))
@@ -78,7 +88,7 @@ class Console:
             signal.signal(number, lambda *_: self.quit())
         robot = RobotConnection(keeper, description.name)
         try:
-            self._run(description, keeper, robot)
+            self._run(description, keeper, robot, _Welcome(Sessions(users, getpass.getuser()), tls, danger))
         finally:
             runtime.unregister("console", description.name)
             robot.stop()
@@ -86,7 +96,9 @@ class Console:
                 keeper.end()
         return 0
 
-    def _run(self, description: RobotDescription, keeper: RobotKeeper, robot: RobotConnection) -> None:
+    def _run(
+        self, description: RobotDescription, keeper: RobotKeeper, robot: RobotConnection, welcome: "_Welcome"
+    ) -> None:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
         pilot = Pilot(description, clock)
@@ -109,8 +121,18 @@ class Console:
             versions=meta.versions,
             quit_console=self.quit,
             clock=clock,
+            danger=welcome.danger,
         )
-        door = FrontDoor(HOST, port, viewer.port, session)
+        door = FrontDoor(
+            options.host,
+            port,
+            viewer.port,
+            session,
+            sessions=welcome.sessions,
+            viewer_secret=viewer.secret,
+            tls=welcome.tls,
+            names=own_names(options.host, options.names),
+        )
         door.start()
         runtime.register("console", description.name, door.url)
         parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer]
@@ -119,7 +141,7 @@ class Console:
             if pad:
                 pilot.attach(PAD, pad)
                 pad.start()
-            _say(description, door.url, note, keeper.adopted)
+            _say(description, door.url, note, keeper.adopted, welcome.danger)
             if options.open_page and _has_screen():
                 threading.Thread(target=_open_browser, args=(door.url,), daemon=True).start()
             # A full collection over everything imported would stop the driver's stream for too long.
@@ -129,6 +151,14 @@ class Console:
         finally:
             for part in parts:
                 part.stop()
+
+
+class _Welcome(NamedTuple):
+    """How people are let in."""
+
+    sessions: Sessions
+    tls: Tls | None
+    danger: str
 
 
 class _Part(Protocol):
@@ -157,9 +187,9 @@ def _choose_port(wanted: int) -> tuple[int, str]:
     return port, f"Port {wanted} is held by {holder}; using {port} instead."
 
 
-def _say(description: RobotDescription, url: str, note: str, adopted: bool) -> None:
-    if note:
-        print(note, flush=True)
+def _say(description: RobotDescription, url: str, note: str, adopted: bool, danger: str) -> None:
+    for line in filter(None, (note, danger)):
+        print(line, flush=True)
     how = "adopted the running robot process" if adopted else "started"
     print(f"{description.title}: {how}. Page: {url}   (Ctrl-C ends it)", flush=True)
 

@@ -3,45 +3,33 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Unpack
 
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
-from app.console.page_socket import PageSession, PageSocket
+from app.console.doorkeeper import VISITOR
+from app.console.page_socket import Asker, PageSession, PageSocket
+from app.console.static_folder import static_folder
 from app.console.viewer_proxy import ViewerProxy
-from app.console.web_server import WebServer
+from app.console.web_server import Door, WebServer
 
 POLICY = "; ".join(
     (
         "default-src 'self'",
         "img-src 'self' data:",
-        "frame-src 'self' http://localhost:* http://127.0.0.1:*",
+        "frame-src 'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:*",
         "object-src 'none'",
         "base-uri 'none'",
-        "form-action 'none'",
+        "form-action 'self'",
         "frame-ancestors 'none'",
     )
 )
 """The operator's page runs and shows only what comes from here, and nobody can frame it under false buttons."""
 
 _COUNTING = re.compile(r"[0-9]{1,9}")
-
-
-def static_folder() -> Path:
-    """Where the pages lie: inside the installed package, else beside it in a checkout.
-
-    Raises:
-        FileNotFoundError: in neither place.
-    """
-    package = Path(__file__).resolve().parents[1]
-    places = (package / "static", package.parent / "static")
-    for folder in places:
-        if (folder / "index.html").is_file():
-            return folder
-    raise FileNotFoundError(f"the pages are missing: there is no index.html in {places[0]} nor in {places[1]}")
 
 
 def page_route(path: str, file: str) -> Route:
@@ -60,7 +48,7 @@ def viewer_routes(proxy: ViewerProxy) -> tuple[BaseRoute, ...]:
         Route("/viewer", proxy.page),
         Route("/viewer/{path:path}", proxy.page),
         WebSocketRoute("/viewer", proxy.forward),
-        WebSocketRoute("/viewer/", proxy.forward),
+        WebSocketRoute("/viewer/{path:path}", proxy.forward),
     )
 
 
@@ -72,7 +60,8 @@ class FrontDoor(WebServer):
         port: port to listen on; 0 takes a free one.
         viewer_port: where viser listens on loopback.
         session: what answers the pages.
-        names: further names, beside loopback's, under which browsers may come.
+        viewer_secret: what viser wants to see of whoever connects to it.
+        door: names, TLS and sessions, as `WebServer` takes them.
         more: further routes, such as those of the recordings.
     """
 
@@ -82,13 +71,15 @@ class FrontDoor(WebServer):
         port: int,
         viewer_port: int,
         session: PageSession,
-        names: tuple[str, ...] = (),
         more: Sequence[BaseRoute] = (),
+        viewer_secret: str = "",
+        **door: Unpack[Door],
     ) -> None:
-        super().__init__(host, port, names)
+        super().__init__(host, port, **door)
+        self.signing.on_session = session.note_session
         self._session = session
         self._pages = PageSocket(session)
-        self._proxy = ViewerProxy(viewer_port)
+        self._proxy = ViewerProxy(viewer_port, viewer_secret)
         self._more = more
 
     @property
@@ -108,6 +99,9 @@ class FrontDoor(WebServer):
         )
 
     async def _health(self, request: Request) -> Response:
+        """To anybody that it is up; to who has a session, who is there."""
+        if request.scope[VISITOR] is None:
+            return JSONResponse({"ok": True})
         return JSONResponse(
             {"ok": True, "pages": self._pages.pages, "viewers": self._proxy.viewers, "counts": dict(self.counts)}
         )
@@ -116,4 +110,5 @@ class FrontDoor(WebServer):
         """STOP's second way: a page takes both at once, in case its websocket is dead without knowing it."""
         page, press = (request.query_params.get(name, "") for name in ("page", "press"))
         who = f"page {page}" if _COUNTING.fullmatch(page) else "a page"
-        return JSONResponse(await self._pages.stop(who, int(press) if _COUNTING.fullmatch(press) else None))
+        number = int(press) if _COUNTING.fullmatch(press) else None
+        return JSONResponse(await self._pages.stop(Asker(who, request.scope[VISITOR]), number))

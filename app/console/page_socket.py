@@ -11,15 +11,18 @@ import time
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable
 from itertools import count
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import msgspec
 from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from app.console.doorkeeper import PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
+from app.people.roles import at_least, may_ask
+from app.people.sessions import Visitor
 
 MAX_MESSAGE_BYTES = 4096
 SNAPSHOT_PERIOD_S = 0.05
@@ -30,6 +33,12 @@ MAX_ECHO_AGE_S = 0.5
 """A page that shows an older picture than this, or whose messages were on their way this long, cannot drive."""
 MAX_REQUESTS = 16
 """Unanswered requests of one page; STOP is never among those refused."""
+STUCK_S = 10.0
+"""A page that takes nothing for this long is cut off; one that lives connects again by itself."""
+SESSION_CHECK_S = 1.0
+"""A page whose session ended hears no more after this long; it can send nothing that acts from that moment on."""
+SESSION_OVER = 4401
+"""Close code that tells a page to sign in again."""
 
 Axis = Annotated[float, Meta(ge=-1, le=1)]
 Trigger = Annotated[float, Meta(ge=0, le=1)]
@@ -37,6 +46,13 @@ Counting = Annotated[int, Meta(ge=0, le=2**53)]
 What = Literal["arm", "disarm", "home", "clear", "stop", "quit", "restart_robot", "section", "speed"]
 
 _log = logging.getLogger(__name__)
+
+
+class Asker(NamedTuple):
+    """Who asks, and from which page."""
+
+    page: str
+    visitor: Visitor
 
 
 class PageSession(Protocol):
@@ -54,8 +70,11 @@ class PageSession(Protocol):
     def gone(self, page: str) -> None:
         """The page closed or fell silent: its input has ended."""
 
-    def act(self, page: str, what: What, value: int | None) -> Answer | Awaitable[Answer]:
-        """A request. `value` is the index for section and speed, else None."""
+    def act(self, asker: Asker, what: What, value: int | None, text: str) -> Answer | Awaitable[Answer]:
+        """A request that the asker's role allows. `value` is the index for section and speed, else None."""
+
+    def note_session(self, what: str, name: str, address: str) -> None:
+        """For the audit trail: who signed in or out or was refused (then `name` is empty), from which address."""
 
 
 class _ControlsMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="controls"):
@@ -76,6 +95,7 @@ class _Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="act"):
     id: Counting
     what: What
     value: Annotated[int, Meta(ge=0, le=99)] | None = None
+    text: Annotated[str, Meta(max_length=400)] = ""
 
 
 class _Ping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="ping"):
@@ -101,12 +121,13 @@ class PageSocket:
     async def serve(self, websocket: WebSocket) -> None:
         """Serve one page until it closes."""
         await websocket.accept()
-        page = _Page(next(self._names), websocket, self)
+        page = _Page(next(self._names), websocket.scope[VISITOR], websocket, self)
         self.pages += 1
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(page.listen(group))
                 group.create_task(self._tell(page, websocket))
+                group.create_task(page.end_with_session())
         except* WebSocketDisconnect:
             pass
         except* Exception:
@@ -116,30 +137,37 @@ class PageSocket:
             self.pages -= 1
             page.close()
 
-    async def ask(self, who: str, what: What, value: int | None = None) -> Answer:
+    async def ask(self, asker: Asker, what: What, value: int | None = None, text: str = "") -> Answer:
         """Pass a request on; a fault in answering it becomes a refusal with its reason."""
         try:
-            answer = self.session.act(who, what, value)
+            answer = self.session.act(asker, what, value, text)
             return await answer if inspect.isawaitable(answer) else answer
         except Exception as error:
-            _log.exception("the request %r of %s failed", what, who)
+            _log.exception("the request %r of %s failed", what, asker.page)
             self.counts["request failed"] += 1
             return Answer(ok=False, reasons=[f"the console failed: {error}"])
 
-    async def stop(self, who: str, press: int | None) -> Answer:
+    async def stop(self, asker: Asker, press: int | None) -> Answer:
         """STOP. A page sends each press by two ways, in case one is dead; obeyed once, it counts as one."""
-        if press is not None and (who, press) in self._stops:
+        if press is not None and (asker.page, press) in self._stops:
             return Answer(ok=True, reasons=[])
-        answer = await self.ask(who, "stop")
+        answer = await self.ask(asker, "stop")
         if answer["ok"]:
-            self._stops.append((who, press))
+            self._stops.append((asker.page, press))
         return answer
 
     async def _tell(self, page: "_Page", websocket: WebSocket) -> None:
-        await websocket.send_text(_text({**self.session.welcome(), "type": "welcome", "page": page.name}))
+        visitor = page.visitor
+        own = {"page": page.name, "user": visitor.name, "role": visitor.role, "view": view_path(visitor)}
+        await websocket.send_text(_text({**self.session.welcome(), "type": "welcome", **own}))
         while True:
             # Sending waits for a slow page, so it gets fewer snapshots and never an old one.
-            await websocket.send_text(self._newest_snapshot())
+            try:
+                async with asyncio.timeout(STUCK_S):
+                    await websocket.send_text(self._newest_snapshot())
+            except TimeoutError:
+                self.counts["page does not read: cut off"] += 1
+                raise WebSocketDisconnect(1008) from None
             await asyncio.sleep(SNAPSHOT_PERIOD_S)
 
     def _newest_snapshot(self) -> str:
@@ -155,8 +183,9 @@ class PageSocket:
 class _Page:
     """One page: its last sequence number, and whether it has to let go before it may drive."""
 
-    def __init__(self, name: str, websocket: WebSocket, socket: PageSocket) -> None:
+    def __init__(self, name: str, visitor: Visitor, websocket: WebSocket, socket: PageSocket) -> None:
         self.name = name
+        self.visitor = visitor
         self._websocket = websocket
         self._socket = socket
         self._sequence = -1
@@ -172,7 +201,10 @@ class _Page:
                 raise WebSocketDisconnect(received.get("code", 1005))
             match self._decode(received):
                 case _ControlsMessage() as message:
-                    self._drive(message)
+                    if self._is_driver():
+                        self._drive(message)
+                    else:
+                        self._count("controls of somebody who may not drive")
                 case _Act(what=what) as message:
                     if self._requests < MAX_REQUESTS or what == "stop":
                         self._requests += 1
@@ -181,6 +213,24 @@ class _Page:
                         self._count("too many requests at once")
                 case _Ping(stamp=stamp):
                     await self._websocket.send_text(_text({"type": "pong", "stamp": stamp}))
+
+    async def end_with_session(self) -> None:
+        """Close the page when its session is over, or is worth another role by now."""
+        before = self.visitor.role
+        while self._present() is not None and self.visitor.role == before:
+            await asyncio.sleep(SESSION_CHECK_S)
+        await self._websocket.close(SESSION_OVER)
+        raise WebSocketDisconnect(SESSION_OVER)
+
+    def _present(self) -> Visitor | None:
+        """Who this is now; None when the session is over."""
+        found: Visitor | None = self._websocket.scope[PRESENT]()
+        self.visitor = found or self.visitor
+        return found
+
+    def _is_driver(self) -> bool:
+        visitor = self._present()
+        return visitor is not None and at_least(visitor.role, "driver")
 
     def close(self) -> None:
         """The page's input ends with it."""
@@ -250,12 +300,22 @@ class _Page:
         self._socket.session.gone(self.name)
 
     async def _answer(self, message: _Act) -> None:
-        if message.what == "stop":
-            answer = await self._socket.stop(self.name, message.id)
-        else:
-            answer = await self._socket.ask(self.name, message.what, message.value)
+        answer = await self._judge(message)
         self._requests -= 1
         await self._websocket.send_text(_text({**answer, "type": "reply", "id": message.id}))
+
+    async def _judge(self, message: _Act) -> Answer:
+        visitor = self._present()
+        if visitor is None:
+            self._count("request without a session")
+            return Answer(ok=False, reasons=["your session is over: sign in again"])
+        if not may_ask(visitor.role, message.what):
+            self._count("request beyond the role")
+            return Answer(ok=False, reasons=[f"you are signed in as {visitor.role}, who may not do this; STOP you may"])
+        asker = Asker(self.name, visitor)
+        if message.what == "stop":
+            return await self._socket.stop(asker, message.id)
+        return await self._socket.ask(asker, message.what, message.value, message.text)
 
 
 def _text(message: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ Numbers that are not known (not measured yet, not finite) are None; the page sho
 
 from typing import NotRequired, TypedDict
 
+from app.people.roles import Role
 from cobra.messages import Phase
 
 Number = float | None
@@ -132,8 +133,14 @@ class Welcome(TypedDict):
     pad_map: list[tuple[str, str]]
     """What is pressed or moved, and what it does."""
     versions: dict[str, str]
+    danger: str
+    """What everybody has to know about how the page is served; empty when it is as it should be."""
     page: NotRequired[str]
-    """The page's own name; added by the socket."""
+    """The page's own name; this and the following are added by the socket."""
+    user: NotRequired[str]
+    role: NotRequired[Role]
+    view: NotRequired[str]
+    """Where the 3D view is found under another name of the same machine."""
 
 
 class Answer(TypedDict):

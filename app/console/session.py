@@ -1,6 +1,7 @@
 """What the operator's pages see and may ask for: the console as the front door knows it."""
 
 import asyncio
+import logging
 import math
 import threading
 from collections.abc import Awaitable, Callable
@@ -12,7 +13,7 @@ import numpy as np
 from app.console.driver import Driver
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import PAD_MAP
-from app.console.page_socket import What
+from app.console.page_socket import Asker, What
 from app.console.page_state import Answer, Bend, DriveState, EventLine, Pad, Snapshot, Welcome
 from app.console.pilot import Pilot
 from app.console.robot_connection import RobotConnection
@@ -22,6 +23,7 @@ from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.messages import Drives, Reply, Request, RobotState
 
+log = logging.getLogger("cobra.console")
 SHOWN_EVENTS = 8
 STALE_S = 0.5
 
@@ -40,7 +42,9 @@ class ConsoleSession:
         versions: dict[str, str],
         quit_console: Callable[[], None],
         clock: Clock,
+        danger: str = "",
     ) -> None:
+        """`danger`: what everybody has to know about how the page is served; empty when it is as it should be."""
         self._description = description
         self._layout = Configuration(description)
         self._backbone = Backbone(description)
@@ -51,6 +55,7 @@ class ConsoleSession:
         self._versions = versions
         self._quit = quit_console
         self._clock = clock
+        self._danger = danger
         # Requests wait for the robot process; the front door's thread must not.
         self._workers = ThreadPoolExecutor(4, thread_name_prefix="request")
 
@@ -73,6 +78,7 @@ class ConsoleSession:
             max_tension_N=d.tendon.max_tension_N if d.tendon else 0.0,
             pad_map=list(PAD_MAP),
             versions=self._versions,
+            danger=self._danger,
         )
 
     def snapshot(self) -> Snapshot:
@@ -112,10 +118,11 @@ class ConsoleSession:
         self._pilot.detach(page)
         self._driver.wake()
 
-    def act(self, page: str, what: What, value: int | None) -> Answer | Awaitable[Answer]:
+    def act(self, asker: Asker, what: What, value: int | None, text: str) -> Answer | Awaitable[Answer]:
+        page = asker.page
         match what:
             case "stop":
-                self._driver.halt(page, "pressed on the page")
+                self._driver.halt(asker.visitor.name, f"pressed on {page}")
                 return _yes()
             case "section":
                 return _answer(self._pilot.select(page, section=value))
@@ -128,6 +135,9 @@ class ConsoleSession:
                 return self._later(self._robot.restart)
             case _:
                 return self._later(lambda: self._driver.ask(Request(what=what)))
+
+    def note_session(self, what: str, name: str, address: str) -> None:
+        log.info("%s: %s from %s", what, name or "somebody", address)
 
     async def _later(self, ask: Callable[[], Reply]) -> Answer:
         reply = await asyncio.get_running_loop().run_in_executor(self._workers, ask)

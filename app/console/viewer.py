@@ -4,6 +4,7 @@ It takes what is newest and skips what it missed. A state that cannot be drawn i
 """
 
 import logging
+import secrets
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from app.console.client_view import ClientView
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
 from app.console.scene import BadStateError, Scene
+from app.console.viewer_guard import guarded
 from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
 from cobra.messages import RobotState
@@ -55,6 +57,8 @@ class Viewer:
         self._shown: RobotState | None = None
         self._arrived = 0.0
         self._next_panels = self._next_sample = 0.0
+        self.secret = secrets.token_urlsafe(32)
+        """viser answers only who shows this: the front door. Loopback is open to every user of this machine."""
         self.errors: Counter[str] = Counter()
         """States and viewers that could not be served, by reason."""
 
@@ -87,7 +91,7 @@ class Viewer:
     def open(self) -> None:
         """Open viser and build the view, without a thread: `step` draws."""
         self._quit.clear()
-        self._server = _private_server()
+        self._server = _private_server(self.secret)
         self._scene = Scene(self._server, self._description)
         self._panels = Panels(self._server, self._description)
         self._history = History(self._description)
@@ -212,9 +216,9 @@ def _silent() -> Iterator[None]:
         console.quiet = quiet
 
 
-def _private_server() -> viser.ViserServer:
-    """A server on a free port of loopback that opens no public tunnel, whoever asks for one."""
-    with _silent():
+def _private_server(secret: str) -> viser.ViserServer:
+    """A server on a free port of loopback that answers only who knows the secret, and opens no public tunnel."""
+    with _silent(), guarded(secret):
         server = viser.ViserServer(host=HOST, port=0, verbose=False)
     for request in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(request)

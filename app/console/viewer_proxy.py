@@ -7,7 +7,7 @@ public tunnel; so a frame passes only if its kind is on the list of the sender's
 import asyncio
 import socket
 from collections import Counter
-from typing import Literal
+from collections.abc import Callable
 
 import httpx
 import msgspec
@@ -18,7 +18,9 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
-Role = Literal["viewer", "driver"]
+from app.console.doorkeeper import PRESENT, VISITOR
+from app.people.roles import Role, at_least
+from app.people.sessions import Visitor
 
 LOOKING = frozenset(
     {
@@ -55,13 +57,23 @@ NO_VIEWER = f"""<!doctype html><meta charset="utf-8">{FRAME_SCRIPT}<meta http-eq
 <body style="font:16px system-ui,sans-serif;display:grid;place-items:center;height:90vh;margin:0;opacity:.7">
 <p>The 3D view is not running. Trying again every second.</p>"""
 
-FRAMED_BY = {"content-security-policy": "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*"}
+FRAMED_BY = {
+    "content-security-policy": (
+        "frame-ancestors 'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:*"
+    )
+}
 """Only the operator's page may show the view inside itself, under whichever of loopback's names it was opened."""
 MAX_FRAME_BYTES = 50 * 1024 * 1024
 """viser's own limit."""
 RECEIVE_BUFFER_BYTES = 64 * 1024
 """Small, so that what a slow viewer has not taken yet stays in viser, where newer replaces older."""
 CLOSE_TIMEOUT_S = 0.2
+SECRET_HEADER = "x-cobra-secret"
+"""What viser wants to see of whoever connects: other users of this machine do not know it."""
+ROLE_HEADER, VIEW_HEADER = "x-cobra-role", "x-cobra-view"
+"""Tell viser's side who looks, and which view the path asks for."""
+SESSION_CHECK_S = 1.0
+Present = Callable[[], Visitor | None]
 NO_CODE = (1005, 1006, 1015)
 """Close codes that say that none was received; they must not be sent."""
 
@@ -78,16 +90,17 @@ def may_pass(frame: bytes | str, role: Role) -> bool:
         kind = msgspec.msgpack.decode(frame, type=_Envelope).type
     except (msgspec.MsgspecError, RecursionError):
         return False
-    return kind in LOOKING or (role == "driver" and kind in OPERATING)
+    return kind in LOOKING or (at_least(role, "driver") and kind in OPERATING)
 
 
 class ViewerProxy:
     """Forwards `/viewer/` to viser on a port of loopback. `counts` holds what was not forwarded, by reason."""
 
-    def __init__(self, viewer_port: int) -> None:
+    def __init__(self, viewer_port: int, secret: str = "") -> None:
         self.counts: Counter[str] = Counter()
         self.viewers = 0
         self._port = viewer_port
+        self._secret = secret
 
     async def page(self, request: Request) -> Response:
         """viser's files; its page with a script of ours ahead of its own."""
@@ -99,7 +112,7 @@ class ViewerProxy:
             try:
                 found = await client.get(
                     httpx.URL(f"http://127.0.0.1:{self._port}", path=f"/{path}"),
-                    headers={"accept-encoding": "identity"},
+                    headers={"accept-encoding": "identity", SECRET_HEADER: self._secret},
                 )
             except httpx.HTTPError:
                 self.counts["viser did not answer"] += 1
@@ -110,10 +123,12 @@ class ViewerProxy:
             content = found.text.replace("<head>", f"<head>{FRAME_SCRIPT}", 1).encode()
         return Response(content, found.status_code, {"content-type": kind, **FRAMED_BY})
 
-    async def forward(self, websocket: WebSocket, role: Role = "driver") -> None:
-        """Join one viewer with viser until either side ends it."""
+    async def forward(self, websocket: WebSocket) -> None:
+        """Join one viewer with viser until either side, or the viewer's session, ends it."""
+        visitor, present = websocket.scope[VISITOR], websocket.scope[PRESENT]
+        view = websocket.path_params.get("path", "").strip("/")
         try:
-            viser = await self._open(websocket.scope["subprotocols"])
+            viser = await self._open(websocket.scope["subprotocols"], {ROLE_HEADER: visitor.role, VIEW_HEADER: view})
         except (OSError, TimeoutError, InvalidHandshake):
             self.counts["viser did not answer"] += 1
             await websocket.close(1013)
@@ -122,14 +137,21 @@ class ViewerProxy:
         try:
             async with viser, asyncio.TaskGroup() as group:
                 await websocket.accept(viser.subprotocol)
-                group.create_task(self._upwards(websocket, viser, role))
+                group.create_task(self._upwards(websocket, viser, present))
                 group.create_task(self._downwards(websocket, viser))
+                group.create_task(self._end_with_session(websocket, present))
         except* WebSocketDisconnect:
             pass
         finally:
             self.viewers -= 1
 
-    async def _open(self, subprotocols: list[str]) -> ClientConnection:
+    async def _end_with_session(self, websocket: WebSocket, present: Present) -> None:
+        while present() is not None:
+            await asyncio.sleep(SESSION_CHECK_S)
+        await websocket.close(1008)
+        raise WebSocketDisconnect(1008)
+
+    async def _open(self, subprotocols: list[str], headers: dict[str, str]) -> ClientConnection:
         channel = socket.socket()
         channel.setblocking(False)
         channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -139,6 +161,7 @@ class ViewerProxy:
                 f"ws://127.0.0.1:{self._port}/",
                 sock=channel,
                 subprotocols=[Subprotocol(name) for name in subprotocols] or None,
+                additional_headers={**headers, SECRET_HEADER: self._secret},
                 compression=None,
                 max_size=MAX_FRAME_BYTES,
                 max_queue=2,
@@ -148,13 +171,14 @@ class ViewerProxy:
             channel.close()
             raise
 
-    async def _upwards(self, websocket: WebSocket, viser: ClientConnection, role: Role) -> None:
+    async def _upwards(self, websocket: WebSocket, viser: ClientConnection, present: Present) -> None:
         while True:
             received = await websocket.receive()
             if received["type"] == "websocket.disconnect":
                 raise WebSocketDisconnect(received.get("code", 1005))
             frame = received.get("bytes") or received.get("text") or b""
-            if not may_pass(frame, role):
+            visitor = present()
+            if visitor is None or not may_pass(frame, visitor.role):
                 self.counts["message to viser that is not allowed"] += 1
                 continue
             try:

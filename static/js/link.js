@@ -3,6 +3,7 @@
 const STALE_MS = 600; // No snapshot for this long: what is on the screen is not the robot's state any more.
 const PING_MS = 1000;
 const STALLED_BYTES = 2048; // More than this unsent: the line is stuck, and old controls must not pile up behind it.
+const SESSION_OVER = 4401;
 const LOST = { ok: false, reasons: ["the connection to the console is lost"] };
 
 export class Link {
@@ -49,8 +50,10 @@ export class Link {
     socket.onmessage = (event) => {
       if (socket === this.socket) this.#take(JSON.parse(event.data));
     };
-    socket.onclose = () => {
-      if (socket === this.socket) this.#reopen();
+    socket.onclose = (event) => {
+      // Signing in again, or with another role, begins a new page.
+      if (event.code === SESSION_OVER) location.reload();
+      else if (socket === this.socket) this.#reopen();
     };
   }
 

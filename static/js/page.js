@@ -23,6 +23,7 @@ let answerTimer = 0;
 
 const link = new Link({
   welcome(message) {
+    if (!facts) view(message.view);
     facts = message;
     showFacts();
     instruments.welcome(message);
@@ -33,7 +34,7 @@ const link = new Link({
     drawn = true;
   },
   connected(yes) {
-    driving.enabled = yes;
+    driving.enabled = yes && facts.role !== "viewer";
     // What was held before the line broke must be let go and pressed anew.
     if (!yes) driving.end();
     draw();
@@ -130,6 +131,16 @@ document.addEventListener("visibilitychange", () => {
   if (document.hidden) driving.end();
 });
 
+function view(ticketPath) {
+  showView(ticketPath, {
+    stop,
+    // A letting go that was meant for a control of this page but went to the 3D view.
+    pointerUp: () => {
+      if (driving.pressed.size > 0) driving.end();
+    },
+  });
+}
+
 // ---------------------------------------------------------------- showing
 
 function showFacts() {
@@ -140,6 +151,10 @@ function showFacts() {
   setText(byId("versions"), versions[0] ?? "");
   byId("versions").title = versions.join("\n");
   setText(byId("stick-right-name"), facts.sections.at(-1) ?? "tip");
+  document.body.dataset.role = facts.role;
+  setText(byId("user"), `${facts.user}, ${facts.role}`);
+  byId("danger").hidden = !facts.danger;
+  setText(byId("danger"), facts.danger);
   const choice = (kind, labels) => labels.map((label, i) => {
     const button = make("button", "", label);
     button.type = "button";
@@ -214,10 +229,3 @@ function showButtons(phase) {
 
 tabs();
 byId("key-map").replaceChildren(...mapRows(KEY_MAP));
-showView({
-  stop,
-  // A letting go that was meant for a control of this page but went to the 3D view.
-  pointerUp: () => {
-    if (driving.pressed.size > 0) driving.end();
-  },
-});

@@ -6,11 +6,15 @@ import { byId } from "./format.js";
 const OTHER_NAME = { "127.0.0.1": "localhost", localhost: "127.0.0.1" };
 const ANSWER_MS = 2000;
 
-/** @param on {stop(), pointerUp()} */
-export function showView(on) {
+/**
+ * @param ticketPath where the view is found under the other name, for which this page's cookie is not valid
+ * @param on {stop(), pointerUp()}
+ */
+export function showView(ticketPath, on) {
   const frame = byId("viewer");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
-  const path = `/viewer/?hideViserLogo${dark ? "&darkMode" : ""}`;
+  const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
+  const path = `/viewer/${query}`;
   const other = OTHER_NAME[location.hostname];
   let here = false;
 
@@ -32,7 +36,7 @@ export function showView(on) {
     frame.addEventListener("load", fallBack, { once: true });
   }
   keepTheMouse(frame);
-  frame.src = other ? `${location.protocol}//${other}:${location.port}${path}` : path;
+  frame.src = other ? `${location.protocol}//${other}:${location.port}${ticketPath}${query}` : path;
 }
 
 /**

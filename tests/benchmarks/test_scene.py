@@ -65,7 +65,7 @@ def test_bytes_a_second_to_each_viewer(clients, capsys):
     start = time.monotonic()
     viewer = Viewer(COBRA, lambda: state_of(t=time.monotonic() - start))
     viewer.start()
-    sinks = [ViserClient(viewer.port) for _ in range(clients)]
+    sinks = [ViserClient(viewer) for _ in range(clients)]
     wait_until(lambda: viewer.viewers == clients)
     for sink in sinks:
         for _ in range(20):

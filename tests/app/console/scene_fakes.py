@@ -12,6 +12,8 @@ import zstandard
 from websockets import Subprotocol
 from websockets.sync.client import connect
 
+from app.console.viewer import Viewer
+from app.console.viewer_proxy import SECRET_HEADER
 from cobra.description import Elongation, RobotDescription
 from cobra.kinematics.configuration import Configuration
 from cobra.loading import load_description
@@ -93,10 +95,11 @@ def elongating() -> RobotDescription:
 class ViserClient:
     """A browser's side of viser's websocket: takes part as a viewer, and remembers what it was sent."""
 
-    def __init__(self, port: int, width: int = 1600, inbox: int = 1000) -> None:
+    def __init__(self, viewer: Viewer, width: int = 1600, inbox: int = 1000, **headers: str) -> None:
         """`inbox`: windows of messages that wait here unread before the server has to."""
         self._socket = connect(
-            f"ws://127.0.0.1:{port}",
+            f"ws://127.0.0.1:{viewer.port}",
+            additional_headers={SECRET_HEADER: viewer.secret, **headers},
             subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
             compression=None,
             max_size=None,

@@ -10,13 +10,13 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from app.console.front_door import FrontDoor
-from tests.page_fakes import FakeSession, PageClient
+from tests.page_fakes import FakeSession, PageClient, cookie_of
 
 
 def ask(door: FrontDoor, path: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], str]:
-    """One request, its path sent as it is written."""
+    """One request of a browser that has opened the page, its path sent as it is written."""
     connection = http.client.HTTPConnection("127.0.0.1", door.port, timeout=10)
-    connection.request(method, path, headers=headers)
+    connection.request(method, path, headers={"cookie": cookie_of(door.port), **headers})
     response = connection.getresponse()
     text = response.read().decode()
     connection.close()
@@ -150,7 +150,11 @@ def test_a_page_that_does_not_read_cannot_keep_the_door_open(door: FrontDoor, se
     session.changes["cause"] = "x" * 1_000_000
     # A queue of one message, and nobody who takes it: the bytes pile up to the server's own buffer.
     page = connect(
-        f"ws://127.0.0.1:{door.port}/ws", origin=Origin(f"http://127.0.0.1:{door.port}"), max_queue=1, max_size=None
+        f"ws://127.0.0.1:{door.port}/ws",
+        origin=Origin(f"http://127.0.0.1:{door.port}"),
+        additional_headers={"cookie": cookie_of(door.port)},
+        max_queue=1,
+        max_size=None,
     )
     page.recv()
     closing = threading.Thread(target=door.stop)

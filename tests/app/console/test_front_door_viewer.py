@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from app.console.front_door import FrontDoor
 from app.console.viewer_proxy import LOOKING, OPERATING, may_pass
-from tests.page_fakes import FakeSession
+from tests.page_fakes import FakeSession, cookie_of
 
 SUBPROTOCOL = f"viser-v{viser.__version__}"
 CAMERA = {
@@ -51,9 +51,14 @@ def look(port: int, path: str = "/viewer/", subprotocols: tuple[str, ...] = (SUB
     return connect(
         f"ws://127.0.0.1:{port}{path}",
         origin=Origin(f"http://127.0.0.1:{port}"),
+        additional_headers={"cookie": cookie_of(port)},
         subprotocols=subprotocols or None,
         max_size=None,
     )
+
+
+def fetch(door: FrontDoor, path: str) -> httpx.Response:
+    return httpx.get(door.url + path, headers={"cookie": cookie_of(door.port)})
 
 
 def send(connection: ClientConnection, message: dict[str, Any]) -> None:
@@ -68,17 +73,17 @@ def read_on(connection: ClientConnection) -> None:
 
 @pytest.mark.parametrize("path", ["/viewer", "/viewer/", "/viewer/?darkMode&hideViserLogo", "/viewer/index.html"])
 def test_visers_page_gets_our_script_ahead_of_its_own(door: FrontDoor, path: str) -> None:
-    page = httpx.get(door.url[:-1] + path)
+    page = fetch(door, path[1:])
     ours = page.text.index("/static/js/viewer_frame.js")
     assert page.status_code == 200
     assert ours < page.text.index("<script", ours + 1)
     assert page.text.count("<script") > 1
     assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
-    assert "hasFocus" in httpx.get(door.url + "static/js/viewer_frame.js").text
+    assert "hasFocus" in fetch(door, "static/js/viewer_frame.js").text
 
 
 def test_a_file_that_viser_does_not_have_is_not_found(door: FrontDoor) -> None:
-    assert httpx.get(door.url + "viewer/no-such-file.js").status_code == 404
+    assert fetch(door, "viewer/no-such-file.js").status_code == 404
 
 
 @pytest.mark.parametrize("path", ["/viewer", "/viewer/", "/viewer?darkMode"])
@@ -165,7 +170,7 @@ def test_what_is_no_message_passes_for_nobody(frame: bytes | str) -> None:
 
 def test_without_viser_the_frame_says_so_and_tries_again(no_viewer_port: int, session: FakeSession) -> None:
     with FrontDoor("127.0.0.1", 0, no_viewer_port, session) as door:
-        page = httpx.get(door.url + "viewer/")
+        page = fetch(door, "viewer/")
         assert page.status_code == 503
         assert 'http-equiv="refresh"' in page.text
         with pytest.raises(InvalidStatus):

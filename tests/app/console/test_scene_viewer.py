@@ -4,10 +4,14 @@ import math
 import socket
 import threading
 
+import httpx
 import numpy as np
 import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from app.console.viewer import STALE_S, Viewer
+from app.console.viewer_proxy import SECRET_HEADER
 from cobra.clock import ManualClock
 from tests.app.console.scene_fakes import COBRA, ViserClient, state_of, wait_until
 
@@ -88,7 +92,7 @@ def test_a_bad_state_is_counted_and_the_next_good_one_drawn(stepped, robot, cloc
         clock.advance(0.03)
         stepped.step()
     assert stepped.errors == {"measured: not finite": 1, "measured: 1 entries, 8 are needed": 1}
-    with ViserClient(stepped.port) as client:
+    with ViserClient(stepped) as client:
         wait_until(lambda: stepped.viewers == 1)
         client.drain()
         robot.state = state_of(t=2.0)
@@ -98,7 +102,7 @@ def test_a_bad_state_is_counted_and_the_next_good_one_drawn(stepped, robot, cloc
 
 
 def test_old_data_are_said_to_be_old_and_new_ones_take_that_back(stepped, robot, clock):
-    with ViserClient(stepped.port) as client:
+    with ViserClient(stepped) as client:
         robot.state = state_of(t=0.0)
         stepped.step()
         clock.advance(STALE_S - 0.05)
@@ -138,12 +142,25 @@ def test_it_listens_on_loopback_only_and_stops_completely(robot):
     viewer.start()
     port = viewer.port
     assert viewer._running().get_host() == "127.0.0.1"
-    with ViserClient(port) as client:
+    with ViserClient(viewer) as client:
         client.wait_for(lambda m: m["type"] == "MeshMessage" and m["name"] == "/tube")
         viewer.stop()
     assert "viewer" not in {thread.name for thread in threading.enumerate()}
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=1.0)
+
+
+@pytest.mark.parametrize("shown", ["", "guess", None])
+def test_other_users_of_this_machine_do_not_get_past_the_front_door(robot, shown):
+    viewer = Viewer(COBRA, robot.latest)
+    viewer.open()
+    headers = {} if shown is None else {SECRET_HEADER: shown}
+    assert httpx.get(f"http://127.0.0.1:{viewer.port}/", headers=headers).status_code == 403
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://127.0.0.1:{viewer.port}", subprotocols=["viser-v1.1.1"], additional_headers=headers)
+    assert refused.value.response.status_code == 403
+    assert httpx.get(f"http://127.0.0.1:{viewer.port}/", headers={SECRET_HEADER: viewer.secret}).status_code == 200
+    viewer.stop()
 
 
 def test_a_viewer_that_has_stopped_reading_does_not_hold_up_the_end():
@@ -155,7 +172,7 @@ def test_a_viewer_that_has_stopped_reading_does_not_hold_up_the_end():
 
     viewer = Viewer(COBRA, moving, rate_Hz=100.0)
     viewer.start()
-    with ViserClient(viewer.port, inbox=1):
+    with ViserClient(viewer, inbox=1):
         wait_until(lambda: viewer.viewers == 1)
         joined = len(drawn)
         wait_until(lambda: len(drawn) > joined + 60)
@@ -167,14 +184,14 @@ def test_a_viewer_that_has_stopped_reading_does_not_hold_up_the_end():
 def test_nothing_is_printed(robot, capsys):
     viewer = Viewer(COBRA, robot.latest)
     viewer.start()
-    with ViserClient(viewer.port):
+    with ViserClient(viewer):
         wait_until(lambda: viewer.viewers == 1)
     viewer.stop()
     assert capsys.readouterr() == ("", "")
 
 
 def test_nobody_can_have_it_open_a_public_tunnel(running):
-    with ViserClient(running.port) as client:
+    with ViserClient(running) as client:
         client.send("ShareUrlRequest")
         wait_until(lambda: running.viewers == 1)
         client.set("tendons", False)
@@ -184,7 +201,7 @@ def test_nobody_can_have_it_open_a_public_tunnel(running):
 
 
 def test_what_one_viewer_hides_the_others_still_see(running):
-    with ViserClient(running.port) as one, ViserClient(running.port) as other:
+    with ViserClient(running) as one, ViserClient(running) as other:
         wait_until(lambda: running.viewers == 2)
         one.set("tendons", False)
         cover = one.wait_for(lambda m: m["type"] == "FrameMessage" and m["name"] == "/tendons")
@@ -197,7 +214,7 @@ def test_what_one_viewer_hides_the_others_still_see(running):
 
 
 def test_the_camera_rides_on_the_tip_for_the_viewer_who_asks_for_it(running, robot):
-    with ViserClient(running.port) as one, ViserClient(running.port) as other:
+    with ViserClient(running) as one, ViserClient(running) as other:
         wait_until(lambda: running.viewers == 2)
         one.set("camera", "from the tip")
         one.wait_for(lambda m: m["type"] == "FrameMessage" and m["name"] == "/frame")
@@ -224,7 +241,7 @@ def test_the_camera_rides_on_the_tip_for_the_viewer_who_asks_for_it(running, rob
 
 
 def test_each_viewer_plots_what_it_chose(running):
-    with ViserClient(running.port) as one, ViserClient(running.port) as other:
+    with ViserClient(running) as one, ViserClient(running) as other:
         wait_until(lambda: running.viewers == 2)
         one.set("last 20 s", "measured bend [°]")
 
@@ -240,14 +257,14 @@ def test_each_viewer_plots_what_it_chose(running):
 
 @pytest.mark.parametrize(("width", "folded"), [(800, True), (1600, False)])
 def test_in_a_narrow_frame_the_panel_starts_folded(running, width, folded):
-    with ViserClient(running.port, width=width) as client:
+    with ViserClient(running, width=width) as client:
         client.wait_for(lambda m: m.get("props", {}).get("label") == "camera")
         collapsed = [m["collapsed"] for m in client.messages if m["type"] == "GuiSetPanelCollapsedMessage"]
         assert (True in collapsed) is folded
 
 
 def test_a_viewer_that_leaves_is_forgotten(running):
-    with ViserClient(running.port):
+    with ViserClient(running):
         wait_until(lambda: running.viewers == 1)
     wait_until(lambda: running.viewers == 0)
     assert not running.errors

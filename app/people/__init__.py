@@ -1,0 +1,1 @@
+"""Who may come to a console, as what, and what they did there."""
