@@ -41,16 +41,39 @@ class Routing(_Part, frozen=True, kw_only=True):
     radius_m: Positive
 
 
+class ChamberDynamics(_Part, frozen=True, kw_only=True):
+    """What the motion of a chain of chambers takes besides stiffness and mass (MODEL 4)."""
+
+    guider_inertia_bend_kgm2: Positive
+    """J_θ, about the guider's diameters."""
+    guider_inertia_twist_kgm2: Positive
+    """J_φ, about its axis."""
+    damping_bend_Nms: NonNegative
+    """Of one chamber, as the others."""
+    damping_twist_Nms: NonNegative
+    damping_axial_Ns_m: NonNegative
+
+
 class Elongation(_Part, frozen=True, kw_only=True):
-    """A section whose backbone can change its length (SRC-Bot's chambers)."""
+    """A section whose backbone can change its length: a chamber before each vertebra (SRC-Bot's guiders).
+
+    Pulled together to the locked length the guiders catch in each other's slots, and the section is rigid.
+    """
 
     range_m: Range
+    """Of the whole section."""
     stiffness_N_m: Positive
     """Of one chamber, S-38."""
     rate_m_s: Positive
     acceleration_m_s2: Positive
     locked_length_m: Positive
+    """Of one chamber: its guiders touch."""
     unlocked_length_m: Positive
+    """Of one chamber: the slots let go."""
+    lock_bend_deg: NonNegative = 2.0
+    """Of one chamber: bent further, its guiders touch without catching."""
+    dynamics: ChamberDynamics | None = None
+    """For a plant made of the equations of motion; without it there is only the MuJoCo twin."""
 
 
 class Section(_Part, frozen=True, kw_only=True):
@@ -73,6 +96,11 @@ class Section(_Part, frozen=True, kw_only=True):
     @property
     def max_bend_rad(self) -> float:
         return math.radians(self.max_bend_deg)
+
+    @property
+    def locked_length_m(self) -> float | None:
+        """Length of the whole section when all its guiders touch [m]; None when it cannot change its length."""
+        return self.vertebrae * self.elongation.locked_length_m if self.elongation else None
 
     @property
     def max_curvature_1_m(self) -> float:

@@ -200,8 +200,7 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
                 f"{key}.max_bend_deg = {section.max_bend_deg:g}: the vertebrae meet at {stop:.0f} degrees; "
                 "allow less bend, or make them thinner or more of them"
             )
-        if section.elongation and not section.elongation.locked_length_m < section.elongation.unlocked_length_m:
-            out.append(f"{key}.elongation.locked_length_m: must be under unlocked_length_m")
+        out += _wrong_elongation(f"{key}.elongation", section)
     if d.active_length_m > d.backbone.total_length_m:
         out.append(
             f"backbone.total_length_m = {d.backbone.total_length_m}: shorter than the sections together "
@@ -212,6 +211,33 @@ def _wrong_sections(d: RobotDescription) -> list[str]:
     for name, count in Counter(d.tendon_names).items():
         if count > 1:
             out.append(f"sections.routing.names: tendon {name!r} is named {count} times; names must be unique")
+    return out
+
+
+def _wrong_elongation(key: str, section: Section) -> list[str]:
+    part = section.elongation
+    if part is None:
+        return []
+    out = []
+    if not part.locked_length_m < part.unlocked_length_m:
+        out.append(
+            f"{key}.locked_length_m = {part.locked_length_m:g}: must be under unlocked_length_m = {part.unlocked_length_m:g}"
+        )
+    if part.locked_length_m < section.vertebra_thickness_m:
+        out.append(
+            f"{key}.locked_length_m = {part.locked_length_m:g}: the guiders touch at vertebra_thickness_m = "
+            f"{section.vertebra_thickness_m:g}; must be at least that"
+        )
+    shortest = section.vertebrae * part.locked_length_m
+    if part.range_m[0] < shortest - 1e-9:
+        out.append(
+            f"{key}.range_m = {list(part.range_m)}: the guiders touch at {section.vertebrae} x locked_length_m = {shortest:g}"
+        )
+    if part.unlocked_length_m * section.vertebrae > section.length_m:
+        out.append(
+            f"{key}.unlocked_length_m = {part.unlocked_length_m:g}: of a chamber; must be at most "
+            f"length_m / vertebrae = {section.length_m / section.vertebrae:g}"
+        )
     return out
 
 

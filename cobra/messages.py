@@ -29,6 +29,8 @@ class Intent(Message, frozen=True, kw_only=True):
     """Section mode: bending of the tip section."""
     feed: float = 0.0
     twist: float = 0.0
+    length: float = 0.0
+    """Section mode: lengthening of the chosen section, where its backbone can change its length."""
     section: int = 0
     """Index of the chosen section."""
     speed: float = 1.0

@@ -14,10 +14,10 @@ CHANNEL = "cobra"
 class Bench:
     """The control loop on its twin, ticked by hand."""
 
-    def __init__(self, seed: int, twin: str = "default") -> None:
-        description = load_description("cobra")
+    def __init__(self, seed: int, twin: str = "default", robot: str = CHANNEL) -> None:
+        description = load_description(robot)
         options = {"twin": twin, "stepping": "inline", "seed": seed}
-        bus = msgspec.structs.replace(description.buses[0], channel=CHANNEL, options=options)
+        bus = msgspec.structs.replace(description.buses[0], channel=robot, options=options)
         self.description = msgspec.structs.replace(description, buses=(bus,))
         self.clock = ManualClock()
         self.states: list[RobotState] = []

@@ -28,7 +28,7 @@ PAD_MAP: tuple[tuple[str, str], ...] = (
     ("B", "STOP, at any time"),
     ("Start", "arm"),
 )
-"""What every control does, for the page, the README and --help."""
+"""What every control does on a robot with everything, for the README and --help; `pad_map` has one robot's."""
 
 OVERSHOOT = 1e-3
 """A full stick may read this much more than 1, by rounding in a device's own scaling. Anything beyond is a fault."""
@@ -133,18 +133,39 @@ def map_controls(
     left, right = _clip(controls.left), _clip(controls.right)
     bend = (profile.stick_dead_zone, profile.expo)
     pull = (profile.trigger_dead_zone, profile.expo)
-    feed = shape_axis(_clamp(controls.right_trigger, 0.0), *pull) - shape_axis(
-        _clamp(controls.left_trigger, 0.0), *pull
-    )
+    right_pull, left_pull = _clamp(controls.right_trigger, 0.0), _clamp(controls.left_trigger, 0.0)
+    feed = shape_axis(right_pull, *pull) - shape_axis(left_pull, *pull)
+    lengthens = description.sections[chosen.section].elongation is not None
+    by_length = lengthens and (shift or description.feed is None)
     intent = Intent(
         primary=shape_stick(left, *bend) if description.active_sections else (0.0, 0.0),
         secondary=shape_stick(right, *bend) if description.active_sections and not shift else (0.0, 0.0),
-        feed=feed if description.feed else 0.0,
+        feed=feed if description.feed and not by_length else 0.0,
+        length=feed if by_length else 0.0,
         twist=shape_axis(right[0], *bend) if description.twist and shift else 0.0,
         section=chosen.section,
         speed=speed,
     )
     return Mapped(intent, DEAD_MAN in controls.buttons, chosen, actions)
+
+
+def pad_map(description: RobotDescription) -> tuple[tuple[str, str], ...]:
+    """What every control does on this robot: only what it has, and its change of length where it has that."""
+    lines = [
+        (control, does)
+        for control, does in PAD_MAP
+        if (description.feed or "feed" not in does)
+        and (description.twist or "twist" not in does)
+        and (description.active_sections or not does.startswith("bend"))
+        and (len(description.active_sections) > 1 or not does.startswith(("choose", "bend the tip section")))
+    ]
+    if any(description.sections[i].elongation for i in description.active_sections):
+        shifted = "RB + " if description.feed else ""
+        lines[1:1] = [
+            (f"{shifted}{trigger} trigger", does)
+            for trigger, does in (("right", "lengthen the section"), ("left", "shorten the section"))
+        ]
+    return tuple((control[0].upper() + control[1:], does) for control, does in lines)
 
 
 def _choose(pressed: frozenset[Button], selection: Selection, description: RobotDescription) -> Selection:

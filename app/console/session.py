@@ -12,7 +12,7 @@ import numpy as np
 
 from app.console.driver import Driver
 from app.console.inputs import Controls, InputSource
-from app.console.mapping import PAD_MAP
+from app.console.mapping import pad_map
 from app.console.page_socket import Asker, What
 from app.console.page_state import Answer, Bend, DriveState, EventLine, Pad, Snapshot, Welcome
 from app.console.pilot import Pilot
@@ -76,7 +76,7 @@ class ConsoleSession:
             speed_levels=list(d.teleop.speed_levels),
             tendons=list(d.tendon_names),
             max_tension_N=d.tendon.max_tension_N if d.tendon else 0.0,
-            pad_map=list(PAD_MAP),
+            pad_map=list(pad_map(d)),
             versions=self._versions,
             danger=self._danger,
         )

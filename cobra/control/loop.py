@@ -243,9 +243,10 @@ class RobotLoop:
         if not self._homing.done:
             return target
         # Zero is where the tendons carry their pretension now; twist and feed keep what they are taken for.
-        rest = self.drivetrain.travel_of(self.motion.configuration.rest())
+        home = self.motion.configuration.home()
+        rest = self.drivetrain.travel_of(home)
         self.drivetrain.transmission.refer(self.drivetrain.transmission.angle(target), rest)
-        self.motion.reset(self.motion.configuration.rest())
+        self.motion.reset(home)
         self._bias = np.zeros_like(self._bias)
         self.supervisor.homing_done()
         return rest

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 class SectionMotion:
-    """Section mode: the sticks bend the chosen section and the tip section, twist and feed the base.
+    """Section mode: the sticks bend the chosen section (and change its length) and the tip section, twist and feed the base.
 
     Holds the commanded configuration q and its velocity. `propose` computes the next ones without taking them, so that
     later limits may still scale the step; `take` accepts it.
@@ -30,7 +30,8 @@ class SectionMotion:
             # Retracting past the port unbends a fully bent section at κ_max times the feed rate: no faster than it may.
             steepest = max(section.max_curvature_1_m for section in description.sections)
             self._rate[FEED] = min(self._rate[FEED], math.radians(description.teleop.bend_rate_deg_s) / steepest)
-        self._scalars = tuple(i for i in (TWIST, FEED) if self._rate[i] > 0.0)
+        lengths = (index for index in self.configuration.lengths if index is not None)
+        self._scalars = tuple(i for i in (TWIST, FEED, *lengths) if self._rate[i] > 0.0)
         self.q: Floats = self.configuration.rest()
         self.velocity: Floats = np.zeros_like(self.q)
 
@@ -63,13 +64,15 @@ class SectionMotion:
             bends = self.configuration.bends
             if intent.section in self._active:
                 rates[bends[intent.section]] += intent.primary
+                if (length := self.configuration.lengths[intent.section]) is not None:
+                    rates[length] = intent.length
             rates[bends[self._active[-1]]] += intent.secondary
             for i in self._active:
                 rates[bends[i]] = shortened(rates[bends[i]], 1.0)
         return rates * self._rate * intent.speed
 
     def _scalar_speed(self, i: int, wanted: float, dt_s: float) -> float:
-        """Speed of twist or feed: ramped, and never faster than it can stop before its limit."""
+        """Speed of twist, feed or a length: ramped, and never faster than it can stop before its limit."""
         acceleration = self.configuration.acceleration[i]
         speed = approached(self.velocity[i], wanted, acceleration * dt_s)
         up = braking_speed(self.configuration.high[i] - self.q[i], acceleration, dt_s)

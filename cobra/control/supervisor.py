@@ -136,5 +136,5 @@ def _fresh(drive: Drive, now_s: float) -> bool:
 
 def _centred(command: Command) -> bool:
     intent = command.intent
-    rates: Sequence[float] = (*intent.primary, *intent.secondary, intent.feed, intent.twist)
+    rates: Sequence[float] = (*intent.primary, *intent.secondary, intent.feed, intent.twist, intent.length)
     return all(abs(rate) <= CENTRED for rate in rates)

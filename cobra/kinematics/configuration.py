@@ -96,6 +96,16 @@ class Configuration:
                 q[index] = section.length_m
         return q
 
+    def home(self) -> Floats:
+        """The configuration after homing (size,): as `rest`, but with every tendon at its pretension, which shortens
+        the sections that can: by tension over stiffness a chamber (S-38)."""
+        d, q = self.description, self.rest()
+        for i, (section, index) in enumerate(zip(d.sections, self.lengths, strict=True)):
+            if section.elongation and index is not None and d.tendon:
+                pull = d.tendon.pretension_N * sum(end >= i for end in d.tendon_section)
+                q[index] -= section.vertebrae * pull / section.elongation.stiffness_N_m
+        return q
+
     def section_lengths(self, q: Floats) -> Floats:
         """Lengths of the sections (..., n) at q (..., size) [m]."""
         out = np.empty((*q.shape[:-1], len(self.bends)))

@@ -1,7 +1,8 @@
 """Find the zero of every tendon: pay out, wind to contact, settle at pretension, take that as zero.
 
 Current alone is a poor witness (a jammed spool draws some too), so contact needs tension for a hold time, and travel and
-time are bounded.
+time are bounded. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
+tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
 """
 
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
+from cobra.motors.seating import Seating, has_stop
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +48,10 @@ STROKE_TICKS = 8
 FIRST_GAIN_M_N = 1e-6
 GAIN_GROWTH = 1.5
 GAIN_CUT = 0.3
+CONTACT_COUNTS = 3.0
+"""A rise of the current by fewer counts is no contact."""
+BEND_COUNTS, COUNTS = 0.5, 2.0
+"""Counts of the current within which the tolerances cannot be told."""
 
 
 class HomingError(RuntimeError):
@@ -56,6 +62,8 @@ class _Stage(Enum):
     SLACK = "paying out"
     WIND = "winding to contact"
     SETTLE = "settling at pretension"
+    SEAT = "pulling together to the stop"
+    FREE = "letting go of the stop"
     DONE = "homed"
 
 
@@ -102,6 +110,9 @@ class Homing:
         self._free = np.zeros(n)
         """What each drive reads while it winds a slack tendon: friction, not tension."""
         self._readings: list[Floats] = []
+        self._count_N = np.array([_count_N(description, i) for i in self._index])
+        self._seating = Seating(description) if has_stop(description) else None
+        self._stroke_m = float(self._seating.stroke_m.max()) if self._seating else 0.0
 
     @property
     def done(self) -> bool:
@@ -133,13 +144,15 @@ class Homing:
             self._wind(tension, self._tendon.pretension_N, dt_s)
         elif self._stage is _Stage.SETTLE:
             self._settle(tension - self._free, self._tendon.pretension_N, dt_s)
+        elif self._seating is not None:
+            self._seat(self._seating, tension - self._free, dt_s)
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
         self._readings = [*self._readings, tension][-LOOK_BACK_TICKS:]
         paid = (self._target - start)[self._index]
-        falling = self._readings[0] - tension > STILL_FALLING * pretension
-        more = (paid < SLACK_M) | (falling & (paid < MAX_SLACK_M))
+        falling = self._readings[0] - tension > np.maximum(STILL_FALLING * pretension, self._count_N)
+        more = (paid < SLACK_M) | (falling & (paid < MAX_SLACK_M + self._stroke_m))
         self._target[self._index] += np.where(more, SLACK_SPEED_M_S * dt_s, 0.0)
         if not np.any(more):
             self._stage = _Stage.WIND
@@ -149,17 +162,33 @@ class Homing:
         wound = (self._wound_from - self._target)[self._index]
         free = wound <= FREE_M
         self._free = np.where(free, tension, np.minimum(self._free, tension))
-        touching = ~free & (tension - self._free >= CONTACT_FRACTION * pretension)
+        enough = np.maximum(CONTACT_FRACTION * pretension, CONTACT_COUNTS * self._count_N)
+        touching = ~free & (tension - self._free >= enough)
         self._contact = np.where(touching, self._contact + dt_s, 0.0)
         self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
-        if np.any(wound > MAX_WIND_M):
-            name = self._names[int(np.argmax(wound))]
-            raise HomingError(
-                f"tendon {name} was wound in by {MAX_WIND_M * 1e3:.0f} mm and is still slack: "
-                "is it broken or off its spool?"
-            )
+        if np.any(wound > MAX_WIND_M + self._stroke_m):
+            self._complain_of_slack(wound)
         if np.all(self._contact >= CONTACT_HOLD_S):
-            self._stage = _Stage.SETTLE
+            self._stage = _Stage.SEAT if self._seating else _Stage.SETTLE
+
+    def _complain_of_slack(self, wound: Floats) -> None:
+        worst = int(np.argmax(wound))
+        raise HomingError(
+            f"tendon {self._names[worst]} was wound in by {wound[worst] * 1e3:.0f} mm and is still slack: "
+            "is it broken or off its spool?"
+        )
+
+    def _seat(self, seating: Seating, tension: Floats, dt_s: float) -> None:
+        if self._stage is _Stage.SEAT:
+            self._target[self._index] -= seating.pull(tension, dt_s)
+            if np.any(seating.overrun):
+                self._complain_of_slack(np.where(seating.overrun, (self._wound_from - self._target)[self._index], 0.0))
+            if seating.seated:
+                self._stage = _Stage.FREE
+        else:
+            self._target[self._index] += seating.release(dt_s)
+            if seating.released:
+                self._stage = _Stage.DONE
 
     def _settle(self, tension: Floats, pretension: float, dt_s: float) -> None:
         self._settling += dt_s
@@ -172,10 +201,20 @@ class Homing:
             self._correct(pretension - tension, pretension)
 
     def _correct(self, error: Floats, pretension: float) -> None:
+        """Readings are whole counts of the current: what lies below them is no error that could be told."""
+        count = float(np.max(self._count_N))
         bend_error = float(np.max(np.abs(self._bending.projector @ error)))
-        near = float(np.max(np.abs(error))) <= TOLERANCE * pretension
-        self._good = self._good + 1 if near and bend_error <= BEND_TOLERANCE * pretension else 0
+        near = float(np.max(np.abs(error))) <= max(TOLERANCE * pretension, COUNTS * count)
+        straight = bend_error <= max(BEND_TOLERANCE * pretension, BEND_COUNTS * count)
+        self._good = self._good + 1 if near and straight else 0
         if self._good >= GOOD_READINGS or (near and self._settling >= SETTLE_TIMEOUT_S):
             self._stage = _Stage.DONE
             return
         self._target[self._index] -= self._bending.step(error) + self._tightening.step(error)
+
+
+def _count_N(description: RobotDescription, drive: int) -> float:
+    """Tension of one count of a drive's current [N]: what it can tell at best."""
+    motor = description.motor_of(description.drives[drive])
+    torque = motor.current_per_count_A * motor.torque_constant_Nm_A
+    return torque / abs(description.drives[drive].travel_per_rad)

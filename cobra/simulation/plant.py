@@ -26,6 +26,8 @@ class Truth:
     """(tendons,) at the motors [N]."""
     tension_profile: Floats
     """(tendons, 2 + sections) at the motor, at the port, and at the end of each section [N]; NaN beyond a tendon's end."""
+    locked: tuple[bool, ...] = ()
+    """For each chamber whose guiders can catch in each other's slots whether they have, base first."""
 
 
 class Plant(Protocol):

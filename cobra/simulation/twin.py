@@ -10,6 +10,7 @@ from cobra.description import RobotDescription
 from cobra.simulation.cables import Cables
 from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
 from cobra.simulation.plant import Floats, Truth
+from cobra.simulation.slots import Slots
 
 BENDS = ("bend_x", "bend_y")
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_XFRC_APPLIED
@@ -45,6 +46,7 @@ class Twin:
         for spring, joint in zip(springs, chain.joints, strict=True):
             if spring.does in BENDS:
                 self._bend_sums[2 * spring.section + BENDS.index(spring.does), joint] = 1.0
+        self._slots = Slots(d, chain) if any(section.elongation for section in d.sections) else None
         self._travel: Floats | None = None
         self._feed_m = math.nan
         self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
@@ -154,6 +156,8 @@ class Twin:
                 break
             if feed is not None:
                 self._expose(float(start[feed] + (k + 1) * step_s * speed[feed]))
+            if self._slots is not None:
+                self._slots.update(model, data)
             mujoco.mj_step1(model, data)
         if good:
             self._remember()
@@ -214,6 +218,7 @@ class Twin:
             bends=(self._bend_sums @ data.qpos).reshape(-1, 2),
             tensions=self._loads[self._tendons],
             tension_profile=self._profile(),
+            locked=tuple(self._slots.caught.tolist()) if self._slots else (),
         )
 
     def _profile(self) -> Floats:

@@ -17,6 +17,7 @@ from app.console.mapping import (
     fault_of,
     first_selection,
     map_controls,
+    pad_map,
     rescale,
     shape_axis,
     shape_stick,
@@ -27,6 +28,7 @@ COBRA = load_description("cobra")
 BORESCOPE = msgspec.structs.replace(
     COBRA, sections=tuple(msgspec.structs.replace(section, routing=None) for section in COBRA.sections)
 )
+SRC_BOT = load_description("src-bot")
 HAND_FED = msgspec.structs.replace(COBRA, twist=None, feed=None)
 LINEAR = Profile(stick_dead_zone=0.1, trigger_dead_zone=0.1, expo=0.0)
 BASE = Selection(0, 1)
@@ -221,3 +223,28 @@ def test_the_printed_map_names_every_control_that_acts():
     printed = " ".join(control for control, _ in PAD_MAP)
     for control in ("LB", "Left stick", "Right stick", "RB", "Left trigger", "Right trigger", "D-pad", "B", "Start"):
         assert control in printed
+
+
+def test_on_a_robot_that_is_not_fed_the_triggers_change_the_length():
+    pulled = intent_of(Controls(right_trigger=1.0, left_trigger=0.28), description=SRC_BOT)
+    assert pulled.length == pytest.approx(0.8)
+    assert pulled.feed == 0.0
+
+
+def test_on_a_robot_that_is_fed_too_the_shift_button_makes_the_difference():
+    fed = msgspec.structs.replace(SRC_BOT, feed=COBRA.feed)
+    shift = frozenset({"right_shoulder"})
+    plain = intent_of(Controls(left_trigger=1.0), description=fed)
+    shifted = intent_of(Controls(left_trigger=1.0, buttons=shift), description=fed)
+    assert (plain.feed, plain.length) == (-1.0, 0.0)
+    assert (shifted.feed, shifted.length) == (0.0, -1.0)
+
+
+def test_each_robots_map_tells_of_what_it_has_and_of_nothing_else():
+    src_bot, borescope = (" ".join(f"{c}: {does}" for c, does in pad_map(d)) for d in (SRC_BOT, BORESCOPE))
+    assert "Right trigger: lengthen" in src_bot
+    assert "feed" not in src_bot
+    assert "twist" not in src_bot
+    assert "twist" in borescope
+    assert "Left stick" not in borescope
+    assert pad_map(COBRA) == PAD_MAP
