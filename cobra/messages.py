@@ -129,6 +129,17 @@ class Lease(Message, frozen=True, kw_only=True):
     fresh: bool = False
 
 
+Rigidity = Literal["none", "continuum", "locking", "rigid", "unlocking"]
+
+
+class LockReport(Message, frozen=True, kw_only=True):
+    """Whether a robot that can lock bends or is rigid; "none" for one that cannot lock."""
+
+    status: Rigidity = "none"
+    words: str = ""
+    """What that means now, or why what was asked is refused."""
+
+
 class RobotState(Message, frozen=True, kw_only=True):
     """One immutable snapshot of a tick."""
 
@@ -156,6 +167,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     bus: dict[str, int] = {}
     """Frames that were not usable, by reason."""
     timing: Timing = Timing()
+    lock: LockReport = LockReport()
 
 
 class Judged(Message, frozen=True, kw_only=True):

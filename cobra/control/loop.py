@@ -19,6 +19,7 @@ from cobra.control.drivetrain import Drivetrain
 from cobra.control.final_action import FinalAction
 from cobra.control.inbox import Inbox
 from cobra.control.limits import DriveLimits
+from cobra.control.locking import Locking, locking_acts
 from cobra.control.motion import SectionMotion
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import drives_report, health_of
@@ -59,6 +60,10 @@ class RobotLoop:
             arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
         )
         self.motion = SectionMotion(description)
+        self.locking = Locking(description)
+        self.requests.acts.update(
+            locking_acts(self.locking, self.supervisor, lambda: (self.motion.q, self._measured()))
+        )
         self.period_s = 1.0 / description.teleop.loop_rate_Hz
         self.quit_requested = False
         self._publish = publish
@@ -210,6 +215,7 @@ class RobotLoop:
             self.drivetrain.transmission.refer(feedback.angle, rest)
         self._setpoint = self.drivetrain.transmission.travel(feedback.angle)
         self.motion.reset(self.drivetrain.q_of(self._setpoint, self.motion.q))
+        self.locking.reset(self.motion.q)
         self._bias = self._setpoint - self.drivetrain.travel_of(self.motion.q)
 
     def _switch_off(self, hold: bool = False) -> None:
@@ -247,6 +253,7 @@ class RobotLoop:
         rest = self.drivetrain.travel_of(home)
         self.drivetrain.transmission.refer(self.drivetrain.transmission.angle(target), rest)
         self.motion.reset(home)
+        self.locking.reset(home)
         self._bias = np.zeros_like(self._bias)
         self.supervisor.homing_done()
         return rest
@@ -270,6 +277,9 @@ class RobotLoop:
     def _step_motion(self, moving: bool, setpoint: Floats) -> Floats:
         intent = self._drive.command.intent if moving and self._drive else None
         q, velocity = self.motion.propose(intent, self.period_s)
+        restrained = self.locking.restrain(self.motion.q, self.motion.velocity, q, moving, self.period_s)
+        if restrained is not q:
+            q, velocity = restrained, (restrained - self.motion.q) / self.period_s
         if moving:
             self._bias = np.sign(self._bias) * np.maximum(np.abs(self._bias) - BIAS_RATE * self.period_s, 0.0)
         target = self.drivetrain.travel_of(q) + self._bias
@@ -281,17 +291,14 @@ class RobotLoop:
             velocity = velocity * allowed.scale
             target = setpoint + allowed.scale * (target - setpoint)
         self.motion.take(q, velocity)
+        self.locking.observe(q, self._measured())
         return self._limits.clamp(target)
 
     # ------------------------------------------------------------------ what it tells
 
     def _snapshot(self, start_s: float, health: Health) -> RobotState:
         supervisor, now = self.supervisor, self.clock.now()
-        travel = (
-            self.drivetrain.transmission.travel(self.drivetrain.feedback.angle)
-            if self.drivetrain.feedback
-            else self.drivetrain.travel_of(self.motion.q)
-        )
+        travel = self._travel()
         waiting = supervisor.phase in ("disarmed", "fault", "stopped")
         doing = self._homing.progress if self._homing else ""
         return RobotState(
@@ -307,12 +314,24 @@ class RobotLoop:
             accepted=self.authority.last_sequence,
             mode=self._drive.command.mode if self._drive else "section",
             commanded=tuple(self.motion.q.tolist()),
-            measured=tuple(self.drivetrain.q_of(travel, self.motion.q).tolist()),
+            measured=tuple(self._measured().tolist()),
             drives=drives_report(self.drivetrain.feedback, travel, self._setpoint, self.drivetrain.transmission),
             drops=dict(self.authority.drops + self._malformed + self.requests.malformed),
             bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s),
+            lock=self.locking.report(),
         )
+
+    def _travel(self) -> Floats:
+        """Where the drives stand; before the first feedback where they are taken to be."""
+        drivetrain = self.drivetrain
+        if drivetrain.feedback is None:
+            return drivetrain.travel_of(self.motion.q)
+        return drivetrain.transmission.travel(drivetrain.feedback.angle)
+
+    def _measured(self) -> Floats:
+        """q from the motors' feedback alone."""
+        return self.drivetrain.q_of(self._travel(), self.motion.q)
 
     def _tell_changes(self, state: RobotState) -> None:
         """An event for every change of phase or cause, once."""
