@@ -1,4 +1,4 @@
-"""The link between a robot process and its consoles: Zenoh keys, one class for either end. No scouting, no multicast.
+"""The link between a robot process and its consoles: Zenoh keys, one class for either end.
 
 cobra/<robot>/state     robot → all     RobotState, every tick; only the newest matters
 cobra/<robot>/event     robot → all     Event
@@ -12,7 +12,6 @@ cobra/<robot>/alive     liveliness token of the robot process
 cobra/<robot>/console/* liveliness tokens of its consoles
 """
 
-import json
 import threading
 import time
 from collections import deque
@@ -21,32 +20,14 @@ from collections.abc import Callable, Mapping
 import msgspec
 import zenoh
 
-from cobra.errors import OperatorError
+from app.link_access import DIRECT, LinkAccess, LinkError, open_session
 from cobra.messages import Command, Event, Heard, Meta, Reply, Request, RobotState, Stop, decode, encode
 
 REQUEST_TIMEOUT_S = 2.0
 
 
-class LinkError(OperatorError):
-    """The link could not be opened, or nobody answered. The message says what was tried."""
-
-
 def key(robot: str, name: str) -> str:
     return f"cobra/{robot}/{name}"
-
-
-def _open(listen: list[str], connect: list[str]) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", json.dumps("peer"))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("scouting/gossip/enabled", "false")
-    config.insert_json5("listen/endpoints", json.dumps(listen))
-    config.insert_json5("connect/endpoints", json.dumps(connect))
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        reason = str(error).split(" at /")[0].rstrip(".")
-        raise LinkError(f"cannot open the link on {', '.join(listen or connect)}: {reason}") from None
 
 
 def _newest_only(session: zenoh.Session, name: str) -> zenoh.Publisher:
@@ -59,9 +40,13 @@ def _newest_only(session: zenoh.Session, name: str) -> zenoh.Publisher:
 class RobotLink:
     """The robot's end: publishes, and hands what arrives to callbacks that must only put it aside."""
 
-    def __init__(self, robot: str, endpoint: str, meta: Meta) -> None:
+    def __init__(
+        self, robot: str, endpoint: str, meta: Meta, router: str | None = None, access: LinkAccess = DIRECT
+    ) -> None:
         self._robot = robot
         self._endpoint = endpoint
+        self._router = router
+        self._access = access
         self._meta = encode(meta)
         self._session: zenoh.Session | None = None
         self._consoles: set[str] = set()
@@ -80,9 +65,10 @@ class RobotLink:
         """Open the link.
 
         Raises:
-            LinkError: the endpoint is taken or not ours to listen on.
+            LinkError: the endpoint is taken or not ours to listen on, or the router does not let us in.
         """
-        session = self._session = _open([self._endpoint], [])
+        routers = (self._router,) if self._router else ()
+        session = self._session = open_session("peer", listen=(self._endpoint,), connect=routers, access=self._access)
 
         def request(query: zenoh.Query) -> None:
             def answer(reply: Reply) -> None:
@@ -136,12 +122,24 @@ class RobotLink:
 
 
 class ConsoleLink:
-    """A console's end. `latest` is the newest state; what cannot be decoded is counted in `malformed`."""
+    """A console's end. `latest` is the newest state; what cannot be decoded is counted in `malformed`.
 
-    def __init__(self, robot: str, endpoint: str, on_alive: Callable[[bool], None] = lambda alive: None) -> None:
+    One that only `watches` does not count as a console: it cannot take an orphaned robot's driver's place.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        endpoint: str,
+        on_alive: Callable[[bool], None] = lambda alive: None,
+        access: LinkAccess = DIRECT,
+        watches: bool = False,
+    ) -> None:
         self._robot = robot
         self._endpoint = endpoint
         self._on_alive = on_alive
+        self._access = access
+        self._watches = watches
         self._session: zenoh.Session | None = None
         self._changed = threading.Condition()
         self.latest: RobotState | None = None
@@ -159,14 +157,15 @@ class ConsoleLink:
         Raises:
             LinkError: nobody listens there.
         """
-        session = self._session = _open([], [self._endpoint])
+        session = self._session = open_session("peer", connect=(self._endpoint,), access=self._access)
         self._subscribers = [
             session.declare_subscriber(key(self._robot, "state"), self._take_state),
             session.declare_subscriber(key(self._robot, "event"), self._take_event),
             session.liveliness().declare_subscriber(key(self._robot, "alive"), self._take_alive, history=True),
         ]
-        token = key(self._robot, f"console/{session.zid()}")
-        self._token = session.liveliness().declare_token(token)
+        if not self._watches:
+            token = key(self._robot, f"console/{session.zid()}")
+            self._token = session.liveliness().declare_token(token)
         self._command = _newest_only(session, key(self._robot, "command"))
 
     def stop(self) -> None:

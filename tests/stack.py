@@ -235,7 +235,8 @@ class Page:
         self._threads = [threading.Thread(target=body, daemon=True) for body in (self._listen, self._stream)]
         for thread in self._threads:
             thread.start()
-        wait_for("the first snapshot", lambda: self.snapshot)
+        # A page must have been seen to hold nothing before it may press.
+        wait_for("the first snapshot and controls", lambda: self.snapshot and self._sequence > 2)
 
     def hold(self, **controls: Any) -> None:
         """Hold the dead-man with these controls: left, right, lt, rt, buttons."""
@@ -264,6 +265,19 @@ class Page:
 
     def until_phase(self, phase: str, timeout_s: float = 40.0) -> None:
         wait_for(f"phase {phase}", lambda: self.snapshot["phase"] == phase, timeout_s)
+
+    def press(self, timeout_s: float = 40.0) -> None:
+        """Hold until it drives; a press that a stall of the machine made void is made again."""
+
+        def pressed() -> bool:
+            self.release()
+            wait_for("the release", lambda: self.snapshot["phase"] in ("ready", "holding"), timeout_s)
+            self.hold()
+            with contextlib.suppress(AssertionError):
+                self.until_phase("driving", 2.0)
+            return self.snapshot["phase"] == "driving"
+
+        wait_for("the drive", pressed, timeout_s)
 
     def close(self) -> None:
         self._quit.set()

@@ -5,7 +5,8 @@ import time
 from collections import deque
 
 from app.console.robot_keeper import RobotKeeper, RobotStartError
-from app.link import ConsoleLink, LinkError
+from app.link import ConsoleLink
+from app.link_access import LinkError
 from cobra.messages import Event, Meta, Reply, RobotState
 
 FIRST_STATE_S = 15.0

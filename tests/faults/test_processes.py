@@ -22,8 +22,7 @@ def stack(tmp_path):
 
 def drive(page: Page, stack: Stack) -> None:
     page.arm()
-    page.hold()
-    stack.observer.wait("driving", lambda state: state.phase == "driving")
+    page.press()
     page.hold(left=[1, 0])
     before = stack.observer.state.commanded[2]
     stack.observer.wait("motion", lambda state: state.commanded[2] > before + 0.05)
@@ -48,8 +47,7 @@ def test_a_killed_console_leaves_a_robot_that_holds_and_the_next_console_adopts_
     with Page(stack.url) as page:
         page.until_phase("ready")
         assert stack.observer.state.commanded == at_rest.commanded
-        page.hold()
-        page.until_phase("driving")
+        page.press()
 
 
 def test_a_killed_robot_process_is_told_at_once_and_can_be_restarted_disarmed(stack):
