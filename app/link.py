@@ -157,7 +157,7 @@ class ConsoleLink:
         Raises:
             LinkError: nobody listens there.
         """
-        session = self._session = open_session("peer", connect=(self._endpoint,), access=self._access)
+        session = self._session = open_session("client", connect=(self._endpoint,), access=self._access)
         self._subscribers = [
             session.declare_subscriber(key(self._robot, "state"), self._take_state),
             session.declare_subscriber(key(self._robot, "event"), self._take_event),
@@ -265,7 +265,7 @@ class Listener:
         Raises:
             LinkError: nobody listens there, or nobody answers.
         """
-        session = self._session = _open([], [self._endpoint])
+        session = self._session = open_session("client", connect=(self._endpoint,))
 
         def passing(what: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
             return lambda sample: what(sample.payload.to_bytes())
