@@ -6,6 +6,7 @@ cobra/<robot>/heard     robot → recorders   Heard: commands with the robot's v
 cobra/<robot>/truth     twin → tests and plots only
 cobra/<robot>/command   driver → robot  Command
 cobra/<robot>/stop      anybody → robot Stop
+cobra/<robot>/length    anybody → robot HandFedLength: what a measuring device reads, of a robot that is fed by hand
 cobra/<robot>/request   query           Request → Reply
 cobra/<robot>/meta      query           Meta
 cobra/<robot>/alive     liveliness token of the robot process
@@ -21,7 +22,19 @@ import msgspec
 import zenoh
 
 from app.link_access import DIRECT, LinkAccess, LinkError, open_session
-from cobra.messages import Command, Event, Heard, Meta, Reply, Request, RobotState, Stop, decode, encode
+from cobra.messages import (
+    Command,
+    Event,
+    HandFedLength,
+    Heard,
+    Meta,
+    Reply,
+    Request,
+    RobotState,
+    Stop,
+    decode,
+    encode,
+)
 
 REQUEST_TIMEOUT_S = 2.0
 
@@ -61,6 +74,7 @@ class RobotLink:
         on_command: Callable[[bytes], None],
         on_stop: Callable[[bytes], None],
         on_request: Callable[[bytes, Callable[[Reply], None]], None],
+        on_length: Callable[[bytes], None] = lambda data: None,
     ) -> None:
         """Open the link.
 
@@ -87,6 +101,7 @@ class RobotLink:
         self._subscribers = [
             session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
             session.declare_subscriber(name("stop"), lambda sample: on_stop(sample.payload.to_bytes())),
+            session.declare_subscriber(name("length"), lambda sample: on_length(sample.payload.to_bytes())),
             session.declare_queryable(name("request"), request),
             session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
         ]
@@ -192,6 +207,11 @@ class ConsoleLink:
     def send_stop(self, stop: Stop) -> None:
         if self._session is not None:
             self._session.put(key(self._robot, "stop"), encode(stop), priority=zenoh.Priority.REAL_TIME, express=True)
+
+    def send_length(self, length: HandFedLength) -> None:
+        """For a program beside a measuring device: what is exposed now of a robot that is fed by hand."""
+        if self._session is not None:
+            self._session.put(key(self._robot, "length"), encode(length))
 
     def request(self, request: Request) -> Reply:
         """Ask once and wait for the answer; no answer is a refusal with its reason."""

@@ -15,6 +15,7 @@ from app import runtime
 from app.link import RobotLink
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
+from cobra.control.poses import PoseBook
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import Bus, RobotDescription
 from cobra.loading import description_text, load_description
@@ -60,11 +61,17 @@ def run_robot(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
-        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard)
-        link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request)
+        poses = PoseBook(description, runtime.data_folder() / "poses" / f"{description.name}.json")
+        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard, poses)
+        poses.complain = loop.warn
+        poses.start()
+        link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request, loop.inbox.length)
         runtime.register("robot", description.name, endpoint)
         watch = _Watch(link, lambda: loop.abandon(leave_when_orphaned), orphaned_s)
-        helpers = [threading.Thread(target=watch.run, args=(done,), name="watch", daemon=True)]
+        helpers = [
+            threading.Thread(target=watch.run, args=(done,), name="watch", daemon=True),
+            threading.Thread(target=loop.prepare, name="prepare", daemon=True),
+        ]
         if publish := _truth_publisher(description, link):
             helpers.append(threading.Thread(target=publish, args=(done,), name="truth", daemon=True))
         for helper in helpers:
@@ -76,6 +83,7 @@ def run_robot(
             runtime.unregister("robot", description.name)
             for helper in helpers:
                 helper.join(1.0)
+            poses.stop()
             link.stop()
     return 0
 

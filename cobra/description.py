@@ -245,6 +245,20 @@ class Bus(_Part, frozen=True, kw_only=True):
     options: dict[str, Any] = {}
 
 
+Weights = tuple[NonNegative, NonNegative, NonNegative]
+
+
+class TipDrive(_Part, frozen=True, kw_only=True):
+    """Tip mode. Weights: how much right, down and ahead count when not everything can be had; 0 leaves one free."""
+
+    speed_m_s: Positive | None = None
+    """Of the tip under a full stick; by default half of what the whole active segment would sweep as one stiff link."""
+    place_weights: Weights = (1.0, 1.0, 1.0)
+    """Of the tip's place, in shares of `speed_m_s`."""
+    view_weights: Weights | None = None
+    """Of turning about the same axes, in shares of the twist's rate; by default only the roll, where a drive twists."""
+
+
 class Teleop(_Part, frozen=True, kw_only=True):
     """How fast the sticks drive, and the steps of the speed switch."""
 
@@ -252,6 +266,7 @@ class Teleop(_Part, frozen=True, kw_only=True):
     bend_acceleration_deg_s2: Positive
     speed_levels: Annotated[tuple[Annotated[float, Meta(gt=0, le=1)], ...], Meta(min_length=1)] = (0.25, 0.5, 1.0)
     loop_rate_Hz: Annotated[float, Meta(ge=10, le=1000)] = 100.0
+    tip: TipDrive = TipDrive()
     final_action: Literal["hold", "slack", "off"] = "hold"
     """What an orphaned robot does after 60 s: stay on hold, pay the tendons out, or switch the drives off."""
 

@@ -35,6 +35,10 @@ class Intent(Message, frozen=True, kw_only=True):
     """Index of the chosen section."""
     speed: float = 1.0
     """Scale of all rates, 0…1."""
+    frame: Literal["world", "base", "tip"] = "tip"
+    """Whose right and down the sticks mean: those of the fixed view from behind, of the base, or of the tip camera."""
+    pose: str = ""
+    """Pose mode: the saved pose to go to."""
 
 
 class Command(Message, frozen=True, kw_only=True):
@@ -80,6 +84,13 @@ class Stop(Message, frozen=True, kw_only=True):
 
     who: str = ""
     reason: str = ""
+
+
+class HandFedLength(Message, frozen=True, kw_only=True):
+    """A measuring device's reading of a robot that is fed by hand."""
+
+    length_m: float
+    """Exposed length beyond the entry port."""
 
 
 class Event(Message, frozen=True, kw_only=True):
@@ -140,6 +151,56 @@ class LockReport(Message, frozen=True, kw_only=True):
     """What that means now, or why what was asked is refused."""
 
 
+class PathReport(Message, frozen=True, kw_only=True):
+    """Tip following: the path that is remembered, and how well the body lies on it."""
+
+    points: tuple[float, ...]
+    """x, y, z after each other in the port frame, from the port on, thinned out for drawing [m]."""
+    length_m: float
+    deviation_m: float
+    """Largest distance of the exposed body from the path now."""
+    deviation_max_m: float
+    """The largest since this mode was chosen."""
+
+
+class HandFeedReport(Message, frozen=True, kw_only=True):
+    """The exposed length of a robot that is fed by hand."""
+
+    told_m: float
+    """What was told last."""
+    used_m: float
+    """What the robot is driven with: led towards what was told while the dead-man is held."""
+    source: Literal["number", "measured", "silent"]
+    """Told by a person, by a measuring device, or by one that has fallen silent since."""
+
+
+class ModeReport(Message, frozen=True, kw_only=True):
+    """What the mode that moves the robot has to say."""
+
+    words: tuple[str, ...] = ()
+    """What keeps it from what was asked, or how far it is."""
+    share: float = 1.0
+    """Tip mode: how much of the wanted motion is given; under 1 something binds."""
+    fallbacks: int = 0
+    """Tip mode: how often the solver failed and damped least squares stepped in."""
+    target: tuple[float, ...] = ()
+    """The q that it goes to."""
+    path: PathReport | None = None
+
+
+class MotionReport(Message, frozen=True, kw_only=True):
+    """The modes of motion, and what they have to say."""
+
+    modes: tuple[str, ...] = ()
+    """Those that the robot offers."""
+    poses: tuple[str, ...] = ()
+    """Names of the saved poses."""
+    pose: str = ""
+    """The saved pose chosen."""
+    doing: ModeReport = ModeReport()
+    hand_feed: HandFeedReport | None = None
+
+
 class RobotState(Message, frozen=True, kw_only=True):
     """One immutable snapshot of a tick."""
 
@@ -167,6 +228,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     bus: dict[str, int] = {}
     """Frames that were not usable, by reason."""
     timing: Timing = Timing()
+    motion: MotionReport = MotionReport()
     lock: LockReport = LockReport()
 
 

@@ -45,7 +45,7 @@ class Stack:
         self.folder = folder
         self.robot = robot
         self.arguments = arguments
-        own = {f"COBRA_TELEOP_{kind}_DIR": str(folder) for kind in ("RUNTIME", "CONFIG", "STATE")}
+        own = {f"COBRA_TELEOP_{kind}_DIR": str(folder) for kind in ("RUNTIME", "CONFIG", "STATE", "DATA")}
         self.environment = {**os.environ, **own, "PYTHONUNBUFFERED": "1"}
         self.output = folder / "console.txt"
         self.process: subprocess.Popen[bytes] | None = None

@@ -22,6 +22,7 @@ class Inbox:
         self.commands: deque[bytes] = deque(maxlen=size)
         self.requests: deque[Asked] = deque(maxlen=size)
         self.stops: deque[bytes] = deque(maxlen=size)
+        self.lengths: deque[bytes] = deque(maxlen=size)
         self.overflow = 0
 
     def command(self, data: bytes) -> None:
@@ -29,6 +30,9 @@ class Inbox:
 
     def stop(self, data: bytes) -> None:
         self._put(self.stops, data)
+
+    def length(self, data: bytes) -> None:
+        self._put(self.lengths, data)
 
     def request(self, data: bytes, answer: Callable[[Reply], None]) -> None:
         self._put(self.requests, Asked(data, answer))

@@ -20,7 +20,9 @@ from cobra.control.final_action import FinalAction
 from cobra.control.inbox import Inbox
 from cobra.control.limits import DriveLimits
 from cobra.control.locking import Locking, locking_acts
-from cobra.control.motion import SectionMotion
+from cobra.control.motion import Motion
+from cobra.control.motion_requests import motion_acts
+from cobra.control.poses import PoseBook
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import drives_report, health_of
 from cobra.control.requests import Requests
@@ -28,7 +30,7 @@ from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.timing import LoopTiming
 from cobra.control.witness import Witness
 from cobra.description import RobotDescription
-from cobra.messages import Command, Event, Heard, Reply, Request, RobotState, Stop, decode
+from cobra.messages import Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.homing import Homing, HomingError
 
@@ -36,6 +38,8 @@ Floats = NDArray[np.float64]
 
 BIAS_RATE = 0.002
 """After arming with bent tendons, their difference to the model is taken up at this speed [m/s]."""
+
+PREPARING = "the modes of motion are being compiled: wait (seconds; the first time on a computer half a minute)"
 
 
 class RobotLoop:
@@ -49,6 +53,7 @@ class RobotLoop:
         publish: Callable[[RobotState], None],
         announce: Callable[[Event], None],
         testify: Callable[[Heard], None] = lambda heard: None,
+        poses: PoseBook | None = None,
     ) -> None:
         self.description = description
         self.clock = clock
@@ -59,7 +64,11 @@ class RobotLoop:
         self.requests.acts.update(
             arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
         )
-        self.motion = SectionMotion(description)
+        poses = poses or PoseBook(description)
+        self.motion = Motion(description, poses)
+        self.requests.acts.update(motion_acts(self.motion, poses, self.supervisor))
+        self.preparing = ""
+        """Why it cannot be armed yet though the drives are well, in words; empty when it can."""
         self.locking = Locking(description)
         self.requests.acts.update(
             locking_acts(self.locking, self.supervisor, lambda: (self.motion.q, self._measured()))
@@ -90,7 +99,10 @@ class RobotLoop:
         self._take_stops(start)
         self._take_commands(start)
         health = health_of(self.description, self.drivetrain.feedback, self.drivetrain.gone)
+        if self.preparing:
+            health = Health(blocking=(self.preparing, *health.blocking), faults=health.faults)
         self._take_requests(start, health)
+        self._choose_mode()
         moving = self.supervisor.tick(start, self._drive, health)
         if self.supervisor.phase == "fault" and self._setpoint is not None:
             # Tendons that lost their pull would let the robot fall: the other drives keep standing.
@@ -123,6 +135,20 @@ class RobotLoop:
             deadline = max(deadline, now)
             self.clock.sleep_until(deadline)
 
+    def warn(self, text: str) -> None:
+        """Tell people something that is no state of the robot's. Safe from any thread."""
+        self._announce(Event(stamp=self.clock.now(), level="warning", text=text))
+
+    def prepare(self) -> None:
+        """Compile what the modes need, beside the loop: it cannot be armed before that is done."""
+        self.preparing = PREPARING
+        try:
+            self.motion.warm_up()
+        finally:
+            self.preparing = ""
+            # What was late meanwhile says nothing of driving.
+            self._timing.restart()
+
     # ------------------------------------------------------------------ what arrives
 
     def _take_stops(self, now_s: float) -> None:
@@ -147,10 +173,32 @@ class RobotLoop:
             except msgspec.MsgspecError:
                 self._malformed["malformed message"] += 1
                 continue
-            dropped = self.authority.accept(command, now_s)
+            if command.mode in self.motion.names:
+                dropped = self.authority.accept(command, now_s)
+            else:
+                dropped = "unknown mode"
+                self._malformed[dropped] += 1
             if dropped is None:
                 self._drive = Drive(command, now_s)
             self._witness.command(command, dropped, now_s)
+        while self.inbox.lengths:
+            try:
+                length = decode(self.inbox.lengths.popleft(), HandFedLength)
+            except msgspec.MsgspecError:
+                self._malformed["malformed length"] += 1
+                continue
+            if self.motion.hand_feed.measured(length.length_m, now_s):
+                self._malformed["length out of range or not asked for"] += 1
+
+    def _choose_mode(self) -> None:
+        """Take the mode of the newest command; while driving another one ends the drive."""
+        if self._drive is None:
+            return
+        command = self._drive.command
+        if self.supervisor.phase != "driving":
+            self.motion.choose(command.mode, command.intent.pose)
+        elif command.held and (command.mode, command.intent.pose) != (self.motion.mode, self.motion.pose):
+            self.supervisor.hold("the mode was changed while driving. Let go, centre, press again.")
 
     def _take_requests(self, now_s: float, health: Health) -> None:
         while self.inbox.requests:
@@ -312,7 +360,7 @@ class RobotLoop:
             epoch=self.authority.epoch,
             lease=self.authority.lease(now),
             accepted=self.authority.last_sequence,
-            mode=self._drive.command.mode if self._drive else "section",
+            mode=self.motion.mode,
             commanded=tuple(self.motion.q.tolist()),
             measured=tuple(self._measured().tolist()),
             drives=drives_report(self.drivetrain.feedback, travel, self._setpoint, self.drivetrain.transmission),
@@ -320,6 +368,7 @@ class RobotLoop:
             bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s),
             lock=self.locking.report(),
+            motion=self.motion.report(now),
         )
 
     def _travel(self) -> Floats:

@@ -1,101 +1,144 @@
-"""From an intent to the commanded configuration: rates, never positions, limited in speed and acceleration."""
+"""From an intent to the commanded configuration, in the mode that the driver chose: rates, never positions.
 
-import math
+Modes are switched at rest only, and the new one begins at the q of the old one: bumpless.
+"""
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cobra.control.modes.go_to import GoToMode, straight
+from cobra.control.modes.hand_feed import HandFeed
+from cobra.control.modes.mode import Mode, modes_of
+from cobra.control.modes.section import SectionMode
 from cobra.description import RobotDescription
-from cobra.kinematics.backbone import Backbone
-from cobra.kinematics.configuration import FEED, TWIST, Configuration
-from cobra.kinematics.ramps import approached, braking_speed, reached, shortened
-from cobra.messages import Intent
+from cobra.kinematics.configuration import FEED, Configuration
+from cobra.messages import Intent, MotionReport
 
 Floats = NDArray[np.float64]
 
+STILL = 1e-6
+"""A share of its rate: an entry of q that is slower stands."""
+NO_POSE = "choose a saved pose to go to"
 
-class SectionMotion:
-    """Section mode: the sticks bend the chosen section (and change its length) and the tip section, twist and feed the base.
 
-    Holds the commanded configuration q and its velocity. `propose` computes the next ones without taking them, so that
-    later limits may still scale the step; `take` accepts it.
-    """
+class Motion:
+    """All modes of one robot; exactly one of them moves it."""
 
-    def __init__(self, description: RobotDescription) -> None:
+    def __init__(self, description: RobotDescription, poses: Mapping[str, Floats] | None = None) -> None:
+        """`poses` are those to go to, by name; it is read anew whenever one is asked for."""
         self.configuration = Configuration(description)
-        self._active = description.active_sections
-        self._backbone = Backbone(description)
-        self._rate = self.configuration.rate.copy()
-        if description.feed:
-            # Retracting past the port unbends a fully bent section at κ_max times the feed rate: no faster than it may.
-            steepest = max(section.max_curvature_1_m for section in description.sections)
-            self._rate[FEED] = min(self._rate[FEED], math.radians(description.teleop.bend_rate_deg_s) / steepest)
-        lengths = (index for index in self.configuration.lengths if index is not None)
-        self._scalars = tuple(i for i in (TWIST, FEED, *lengths) if self._rate[i] > 0.0)
-        self.q: Floats = self.configuration.rest()
-        self.velocity: Floats = np.zeros_like(self.q)
+        self.names = modes_of(description)
+        self.hand_feed = HandFeed(description)
+        self._description = description
+        self._poses: Mapping[str, Floats] = {} if poses is None else poses
+        self._made: dict[str, Mode] = {}
+        self._wanted = self._active = self.names[0]
+        self._pose = ""
+        self._rate = np.where(self.configuration.rate > 0.0, self.configuration.rate, np.inf)
+
+    @property
+    def mode(self) -> str:
+        """The mode chosen."""
+        return self._wanted
+
+    @property
+    def pose(self) -> str:
+        """The saved pose chosen."""
+        return self._pose
+
+    @property
+    def q(self) -> Floats:
+        """The commanded configuration (size,)."""
+        return self._moving.q
+
+    @property
+    def velocity(self) -> Floats:
+        """Of the last step (size,)."""
+        return self._moving.velocity
+
+    def warm_up(self) -> None:
+        """Make every mode and compile what it needs: seconds the first time on a machine. Not while driving."""
+        for name in self.names:
+            self._mode(name).warm_up()
+
+    def choose(self, mode: str, pose: str = "") -> None:
+        """Drive in this mode from now on; what still moves comes to rest in the old one first.
+
+        Raises:
+            KeyError: the robot does not offer it.
+        """
+        if mode not in self.names:
+            raise KeyError(mode)
+        self._wanted, self._pose = mode, pose
 
     def reset(self, q: Floats) -> None:
-        """Start at rest from q, brought inside the limits (bumpless engagement)."""
-        self.q = self._inside_limits(q)
-        self.velocity = np.zeros_like(self.q)
+        """Begin at rest at q, brought inside the limits; a length fed by hand is taken as it was told."""
+        q = q.copy()
+        if self.hand_feed.offered:
+            q[FEED] = self.hand_feed.begin(float(q[FEED]))
+        self._begin(q)
 
     def propose(self, intent: Intent | None, dt_s: float) -> tuple[Floats, Floats]:
         """The next q and its velocity after one tick of `dt_s`; None ramps every motion to rest."""
-        wanted = self._wanted(intent) if intent else np.zeros_like(self.q)
-        q = self.q.copy()
-        for i in self._scalars:
-            q[i] += self._scalar_speed(i, wanted[i], dt_s) * dt_s
-            q[i] = min(max(q[i], self.configuration.low[i]), self.configuration.high[i])
-        limits = self._backbone.bend_limits(q)
-        for i, limit in enumerate(limits):
-            where = self.configuration.bends[i]
-            q[where] = self._bend(where, wanted[where], float(limit), dt_s)
-        return q, (q - self.q) / dt_s
+        if self._active != self._wanted:
+            if self._stands:
+                self._begin(self.q)
+            else:
+                intent = None
+        moving = self._moving
+        if isinstance(moving, GoToMode):
+            moving.aim(self._pose)
+        fed = self.hand_feed.next(float(self.q[FEED]), intent is not None, dt_s)
+        return moving.propose(intent, dt_s, fed)
 
     def take(self, q: Floats, velocity: Floats) -> None:
         """Make a proposed step, or the part of it that was allowed, the commanded one."""
-        self.q, self.velocity = q, velocity
+        self._moving.take(q, velocity)
 
-    def _wanted(self, intent: Intent) -> Floats:
-        rates = np.zeros_like(self.q)
-        rates[TWIST], rates[FEED] = intent.twist, intent.feed
-        if self._active:
-            bends = self.configuration.bends
-            if intent.section in self._active:
-                rates[bends[intent.section]] += intent.primary
-                if (length := self.configuration.lengths[intent.section]) is not None:
-                    rates[length] = intent.length
-            rates[bends[self._active[-1]]] += intent.secondary
-            for i in self._active:
-                rates[bends[i]] = shortened(rates[bends[i]], 1.0)
-        return rates * self._rate * intent.speed
+    def report(self, now_s: float) -> MotionReport:
+        """What the motion has to say, for people."""
+        return MotionReport(
+            modes=self.names,
+            poses=tuple(self._poses),
+            pose=self._pose,
+            doing=self._moving.report(),
+            hand_feed=self.hand_feed.report(float(self.q[FEED]), now_s),
+        )
 
-    def _scalar_speed(self, i: int, wanted: float, dt_s: float) -> float:
-        """Speed of twist, feed or a length: ramped, and never faster than it can stop before its limit."""
-        acceleration = self.configuration.acceleration[i]
-        speed = approached(self.velocity[i], wanted, acceleration * dt_s)
-        up = braking_speed(self.configuration.high[i] - self.q[i], acceleration, dt_s)
-        down = braking_speed(self.q[i] - self.configuration.low[i], acceleration, dt_s)
-        return min(max(speed, -down), up)
+    @property
+    def _moving(self) -> Mode:
+        return self._mode(self._active)
 
-    def _bend(self, where: slice, wanted: Floats, limit: float, dt_s: float) -> Floats:
-        """The next bend vector of a section: ramped, braked at its limit, and led inwards when the limit shrinks."""
-        step = self._rate[where.start] * dt_s
-        acceleration = self.configuration.acceleration[where.start]
-        bend = self.q[where]
-        inside = shortened(bend, limit)
-        left = max(step - math.dist(bend, inside), 0.0)
-        velocity = self.velocity[where] + shortened(wanted - self.velocity[where], acceleration * dt_s)
-        size = math.hypot(*inside)
-        if size > 1e-9:
-            outward = inside / size
-            speed = float(velocity @ outward)
-            velocity = velocity - max(speed - braking_speed(limit - size, acceleration, dt_s), 0.0) * outward
-        return reached(inside, inside + shortened(velocity * dt_s, left), np.zeros(2), limit)
+    @property
+    def _stands(self) -> bool:
+        return bool(np.all(np.abs(self.velocity) <= STILL * self._rate))
 
-    def _inside_limits(self, q: Floats) -> Floats:
-        q = np.clip(q, self.configuration.low, self.configuration.high)
-        for where, limit in zip(self.configuration.bends, self._backbone.bend_limits(q), strict=True):
-            q[where] = shortened(q[where], float(limit))
-        return q
+    def _begin(self, q: Floats) -> None:
+        self._active = self._wanted
+        self._moving.reset(q)
+
+    def _mode(self, name: str) -> Mode:
+        if name not in self._made:
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def _make(self, name: str) -> Mode:
+        d = self._description
+        match name:
+            case "section":
+                return SectionMode(d)
+            case "straighten":
+                return GoToMode(d, straight(d), "")
+            case "pose":
+                return GoToMode(d, lambda pose, _: self._poses.get(pose), NO_POSE)
+            # These bring numba, whose import takes a second: only where they are made.
+            case "tip":
+                from cobra.control.modes.tip import TipMode
+
+                return TipMode(d)
+            case _:
+                from cobra.control.modes.following import FollowingMode
+
+                return FollowingMode(d)

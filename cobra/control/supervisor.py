@@ -83,6 +83,10 @@ class Supervisor:
         why = f": {reason}" if reason else ""
         self._enter("stopped", f"STOP{by}{why}. Look, then clear it to go on.")
 
+    def hold(self, cause: str) -> None:
+        """End the drive for a reason of the driver's own making."""
+        self._enter("holding", cause)
+
     def clear(self) -> None:
         """Take the latch away; moves nothing."""
         self._enter("ready" if self._armed and self.homed else "holding" if self._armed else "disarmed")

@@ -19,10 +19,19 @@ class LoopTiming:
         self._last: float | None = None
         self._late = 0
         self._summary = Timing()
+        self._restart = False
         self.realtime = False
+
+    def restart(self) -> None:
+        """Forget what was recorded, with the next tick. Safe from any thread."""
+        self._restart = True
 
     def tick(self, start_s: float, work_s: float) -> Timing:
         """Record one tick by its start and the time it computed; returns the newest summary."""
+        if self._restart:
+            self._restart, self._late, self._count, self._last = False, 0, 0, None
+            self._periods[:] = self._work[:] = np.nan
+            self._summary = Timing(realtime=self.realtime)
         i = self._count % len(self._periods)
         if self._last is not None:
             period = start_s - self._last

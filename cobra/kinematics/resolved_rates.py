@@ -67,11 +67,23 @@ class TipWeights(NamedTuple):
     """About right, down and forward; the last is the roll of the picture."""
 
 
+def tip_speed_m_s(description: RobotDescription) -> float:
+    """Speed of the tip under a full stick."""
+    teleop = description.teleop
+    return teleop.tip.speed_m_s or 0.5 * math.radians(teleop.bend_rate_deg_s) * description.active_length_m
+
+
 def default_weights(description: RobotDescription) -> TipWeights:
-    """From the described rates: the tip's place counts, its roll where a drive twists; where it looks is left free."""
-    linear = 2.0 / (math.radians(description.teleop.bend_rate_deg_s) * description.active_length_m)
-    roll = 1.0 / math.radians(description.twist.rate_deg_s) if description.twist else 0.0
-    return TipWeights((linear, linear, linear), (0.0, 0.0, roll))
+    """From the described rates and shares: by default the tip's place counts, and its roll where a drive twists."""
+    tip, twist = description.teleop.tip, description.twist
+    speed, turning = (
+        tip_speed_m_s(description),
+        math.radians(twist.rate_deg_s if twist else description.teleop.bend_rate_deg_s),
+    )
+    right, down, ahead = (weight / speed for weight in tip.place_weights)
+    shares = tip.view_weights or (0.0, 0.0, 1.0 if twist else 0.0)
+    about_right, about_down, roll = (weight / turning for weight in shares)
+    return TipWeights((right, down, ahead), (about_right, about_down, roll))
 
 
 class ResolvedRates:

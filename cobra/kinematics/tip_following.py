@@ -4,6 +4,7 @@ Feeding appends to the path, straight on from its end. Steering bends the leadin
 it, as the body moves, and forgets what lies ahead. Retracting replays. Every tick all bends are fitted together.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -95,7 +96,8 @@ class TipFollowing:
         """
         layout = self.configuration
         q = self.q.copy()
-        fed = q[FEED] + self._feed(feed_m_s, dt_s) * dt_s if hand_fed_m is None else hand_fed_m
+        by_hand = 0.0 if hand_fed_m is None else self._followed((hand_fed_m - float(q[FEED])) / dt_s, dt_s)
+        fed = float(q[FEED]) + (by_hand or self._feed(feed_m_s, dt_s)) * dt_s
         q[FEED] = np.clip(fed, layout.low[FEED], layout.high[FEED])
         path, fitted, turning = self.path, self._fitted, self._turned(np.asarray(steer_rad_s, dtype=np.float64), dt_s)
         if turning.any():
@@ -120,6 +122,27 @@ class TipFollowing:
             end = shortened(q[where] + velocity * dt_s, float(limits[i]))
             q[where] = reached(straightened, end, self.q[where], self._bend_rate[i] * dt_s)
         self._proposed = Proposal(q, fitted, aim, turning, turning * dt_s)
+        return q, (q - self.q) / dt_s
+
+    def brake(self, dt_s: float, hand_fed_m: float | None = None) -> tuple[Floats, Floats]:
+        """The next q and its velocity when nobody drives: every motion ramps to rest, whatever the fit still asks for.
+
+        What lies off the path then stays there until somebody drives again.
+        """
+        layout, velocity = self.configuration, self.velocity
+        q = self.q.copy()
+        feed = float(velocity[FEED])
+        change = math.copysign(min(abs(feed), float(layout.acceleration[FEED]) * dt_s), feed)
+        fed = q[FEED] + (feed - change) * dt_s if hand_fed_m is None else hand_fed_m
+        q[FEED] = np.clip(fed, layout.low[FEED], layout.high[FEED])
+        limits = self._backbone.bend_limits(q)
+        for i in self._active:
+            where = layout.bends[i]
+            slower = velocity[where] - shortened(velocity[where], self._bend_acceleration[i] * dt_s)
+            straightened = shortened(q[where], float(limits[i]))
+            end = shortened(q[where] + slower * dt_s, float(limits[i]))
+            q[where] = reached(straightened, end, self.q[where], self._bend_rate[i] * dt_s)
+        self._proposed = Proposal(q, q, q, np.zeros(2), np.zeros(2))
         return q, (q - self.q) / dt_s
 
     def take(self, q: Floats, velocity: Floats) -> None:
@@ -176,15 +199,22 @@ class TipFollowing:
         limit, acceleration, now = layout.rate[FEED], layout.acceleration[FEED], float(self.velocity[FEED])
         if limit == 0.0:
             return 0.0
-        wanted = float(np.clip(wanted, -self._retract_m_s, limit))
-        if wanted:
-            ahead = np.sign(wanted) * max(PREVIEW_M, now * now / (2.0 * acceleration) + abs(now) * dt_s)
-            there = self._fitted.copy()
-            there[FEED] = np.clip(there[FEED] + ahead, layout.low[FEED], layout.high[FEED])
-            bends = self.fit.joint(there, self.path).q - self.q
-            needed_s = max(float(np.hypot(*bends[layout.bends[i]])) / self._bend_rate[i] for i in self._active)
-            fastest = FOLLOWING_SHARE * abs(ahead) / needed_s if needed_s > 0.0 else limit
-            wanted = float(np.clip(wanted, -fastest, fastest))
+        wanted = self._followed(float(np.clip(wanted, -self._retract_m_s, limit)), dt_s)
         high = braking_speed(layout.high[FEED] - self.q[FEED], acceleration, dt_s)
         low = -braking_speed(self.q[FEED] - layout.low[FEED], acceleration, dt_s)
         return float(np.clip(approached(now, wanted, acceleration * dt_s), low, high))
+
+    def _followed(self, wanted: float, dt_s: float) -> float:
+        """A feed rate, no faster than the bends can follow."""
+        if not wanted:
+            return 0.0
+        layout, now = self.configuration, float(self.velocity[FEED])
+        acceleration = layout.acceleration[FEED]
+        stopping = now * now / (2.0 * acceleration) if acceleration else 0.0
+        ahead = np.sign(wanted) * max(PREVIEW_M, stopping + abs(now) * dt_s)
+        there = self._fitted.copy()
+        there[FEED] = np.clip(there[FEED] + ahead, layout.low[FEED], layout.high[FEED])
+        bends = self.fit.joint(there, self.path).q - self.q
+        needed_s = max(float(np.hypot(*bends[layout.bends[i]])) / self._bend_rate[i] for i in self._active)
+        fastest = FOLLOWING_SHARE * abs(ahead) / needed_s if needed_s > 0.0 else abs(wanted)
+        return float(np.clip(wanted, -fastest, fastest))

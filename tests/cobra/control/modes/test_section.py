@@ -7,35 +7,36 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cobra.control.motion import SectionMotion
+from cobra.control.modes.section import SectionMode
 from cobra.kinematics.backbone import Backbone
-from cobra.kinematics.configuration import FEED, TWIST
+from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.loading import load_description
 from cobra.messages import Intent
 
 DT = 0.01
 COBRA = load_description("cobra")
+LAYOUT = Configuration(COBRA)
 RATE = math.radians(COBRA.teleop.bend_rate_deg_s)
 ACCELERATION = math.radians(COBRA.teleop.bend_acceleration_deg_s2)
 
 
-def run(motion: SectionMotion, intent: Intent | None, seconds: float) -> None:
+def run(motion: SectionMode, intent: Intent | None, seconds: float) -> None:
     for _ in range(round(seconds / DT)):
         motion.take(*motion.propose(intent, DT))
 
 
 def test_a_full_stick_reaches_the_described_rate():
-    motion = SectionMotion(COBRA)
+    motion = SectionMode(COBRA)
     run(motion, Intent(primary=(1.0, 0.0), section=1), 1.0)
     start = motion.q.copy()
     run(motion, Intent(primary=(1.0, 0.0), section=1), 0.5)
     moved = motion.q - start
-    assert moved[motion.configuration.bends[1]] == pytest.approx([0.5 * RATE, 0.0])
+    assert moved[LAYOUT.bends[1]] == pytest.approx([0.5 * RATE, 0.0])
     assert np.count_nonzero(moved) == 1
 
 
 def test_letting_go_ramps_down_with_the_described_deceleration_and_stays():
-    motion = SectionMotion(COBRA)
+    motion = SectionMode(COBRA)
     run(motion, Intent(primary=(0.0, -1.0), section=0), 1.0)
     steps = 0
     while np.any(motion.velocity):
@@ -48,15 +49,15 @@ def test_letting_go_ramps_down_with_the_described_deceleration_and_stays():
 
 
 def test_both_sticks_on_the_tip_section_do_not_add_up_beyond_the_rate():
-    motion = SectionMotion(COBRA)
+    motion = SectionMode(COBRA)
     run(motion, Intent(primary=(1.0, 0.0), secondary=(1.0, 0.0), section=2), 0.6)
-    assert np.linalg.norm(motion.velocity[motion.configuration.bends[2]]) <= RATE + 1e-12
+    assert np.linalg.norm(motion.velocity[LAYOUT.bends[2]]) <= RATE + 1e-12
 
 
 def test_retracting_unbends_what_enters_the_port():
-    motion = SectionMotion(COBRA)
+    motion = SectionMode(COBRA)
     run(motion, Intent(primary=(1.0, 0.0), section=0), 4.0)
-    assert motion.q[motion.configuration.bends[0]][0] == pytest.approx(COBRA.sections[0].max_bend_rad)
+    assert motion.q[LAYOUT.bends[0]][0] == pytest.approx(COBRA.sections[0].max_bend_rad)
     run(motion, Intent(feed=-1.0), 20.0)
     assert motion.q[FEED] == pytest.approx(0.0, abs=1e-9)
     assert motion.q[2:] == pytest.approx(0.0, abs=1e-9)
@@ -77,11 +78,11 @@ intents = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.one_of(st.none(), intents), st.integers(1, 80)), max_size=12), st.floats(0.0, 1.0))
 def test_limits_rates_and_accelerations_hold_at_every_tick(history, feed):
-    motion = SectionMotion(COBRA)
+    motion = SectionMode(COBRA)
     start = motion.q.copy()
     start[FEED] = feed
     motion.reset(start)
-    backbone, layout = Backbone(COBRA), motion.configuration
+    backbone, layout = Backbone(COBRA), LAYOUT
     for intent, ticks in history:
         for _ in range(ticks):
             before, velocity = motion.q.copy(), motion.velocity.copy()
