@@ -15,6 +15,11 @@ def state_folder() -> Path:
     return _made(os.environ.get("COBRA_TELEOP_STATE_DIR"), "XDG_STATE_HOME", ".local/state")
 
 
+def data_folder() -> Path:
+    """For what people make with it: saved poses. Not made here: whoever has something to keep makes it."""
+    return _place(os.environ.get("COBRA_TELEOP_DATA_DIR"), "XDG_DATA_HOME", ".local/share")
+
+
 def write_private(path: Path, data: bytes) -> None:
     """Replace a file at once, readable and writable for its owner only."""
     handle, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")  # made with mode 0600
@@ -26,7 +31,11 @@ def write_private(path: Path, data: bytes) -> None:
 
 
 def _made(named: str | None, variable: str, usual: str) -> Path:
-    base = os.environ.get(variable)
-    path = Path(named) if named else (Path(base) if base else Path.home() / usual) / "cobra-teleop"
+    path = _place(named, variable, usual)
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     return path
+
+
+def _place(named: str | None, variable: str, usual: str) -> Path:
+    base = os.environ.get(variable)
+    return Path(named) if named else (Path(base) if base else Path.home() / usual) / "cobra-teleop"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from app import runtime
+from app import places, runtime
 from app.link import RobotLink
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
@@ -61,7 +61,7 @@ def run_robot(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
-        poses = PoseBook(description, runtime.data_folder() / "poses" / f"{description.name}.json")
+        poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard, poses)
         poses.complain = loop.warn
         poses.start()

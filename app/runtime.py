@@ -36,15 +36,6 @@ def folder() -> Path:
     return path
 
 
-def data_folder() -> Path:
-    """Where what a user made is kept (saved poses, …); not made before there is something to keep."""
-    named = os.environ.get("COBRA_TELEOP_DATA_DIR")
-    if named:
-        return Path(named)
-    shared = os.environ.get("XDG_DATA_HOME") or os.environ.get("LOCALAPPDATA")
-    return Path(shared or Path.home() / ".local" / "share") / "cobra-teleop"
-
-
 def register(role: str, robot: str, endpoint: str) -> None:
     """Say that this process is the `role` ("robot" or "console") of a robot."""
     me = psutil.Process()
