@@ -48,12 +48,32 @@ class Feedback:
     """In words; empty where there is none."""
 
 
+@dataclass(frozen=True, slots=True)
+class ChannelHealth:
+    """How one CAN channel does."""
+
+    name: str
+    load: float
+    """Part of the bit rate that frames took over the last second, 0…1."""
+    frame_rate_Hz: float
+    trouble: str
+    """In words with what to do; empty when all is well."""
+
+
 class MotorBus(Protocol):
     """All motors of a robot behind one burst-then-collect exchange."""
 
     @property
     def counts(self) -> dict[str, int]:
         """Every frame that could not be used, by reason (unknown id, short frame, late reply, …)."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What people should know about these motors, in words."""
+
+    @property
+    def health(self) -> tuple[ChannelHealth, ...]:
+        """One entry a channel."""
 
     def open(self) -> None:
         """Open the channels and find the motors.

@@ -11,7 +11,7 @@ import numpy as np
 
 from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
-from cobra.motors.bus import BusError, Feedback, Floats, MotorBus
+from cobra.motors.bus import BusError, ChannelHealth, Feedback, Floats, MotorBus
 from cobra.motors.bus_load import channel_load
 from cobra.motors.raw_log import RawLog
 from cobra.motors.rmd_bus import RmdBus
@@ -76,6 +76,10 @@ class JoinedBus:
     def notes(self) -> tuple[str, ...]:
         """What people should know about these drives."""
         return tuple(note for channel in self._channels for note in channel.notes)
+
+    @property
+    def health(self) -> tuple[ChannelHealth, ...]:
+        return tuple(channel.health for channel in self._channels)
 
     def open(self) -> None:
         """Raises BusError; what was opened before is closed again."""

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
-from cobra.motors.bus import HOME_AGAIN, BusError, Feedback, Floats
+from cobra.motors.bus import HOME_AGAIN, BusError, ChannelHealth, Feedback, Floats
 from cobra.motors.bus_load import channel_load
+from cobra.motors.channel import Record
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
-from cobra.motors.rmd_channel import Incoming, Outgoing, Record, RmdChannel
+from cobra.motors.rmd_channel import Incoming, Outgoing, RmdChannel
 from cobra.motors.rmd_link import RmdLink
 
 REPLY_LATENCY_S = 0.003
@@ -31,6 +32,9 @@ ATTEMPTS = 3
 """How often a drive is asked what must be known: arming, holding, switching off."""
 MAX_URGENT_POLLS = 2
 """Angles in doubt that are read in one tick on top of the plan."""
+SILENT_TICKS = 5
+"""When no drive of the channel answered for so long, nothing is commanded until it is enabled again: what an adapter that
+does not send still keeps must stay a few setpoints of a standing robot."""
 
 MOTION_FIELDS = 5  # command, temperature, current, speed, position
 _INT32 = 2**31 - 1
@@ -58,6 +62,7 @@ class RmdBus:
         self.reply_timeout_s = min(self._load.wire_time_s + REPLY_LATENCY_S, 0.9 * period_s)
         self._enabled = False
         self._watched = False
+        self._silent = False
 
         n = len(self._drives)
         ratio = np.array([link.shaft_ratio for link in self._drives])
@@ -99,6 +104,10 @@ class RmdBus:
             "they hold their last setpoint when the controller is gone",
         )
 
+    @property
+    def health(self) -> ChannelHealth:
+        return self._channel.health
+
     def record_to(self, record: Record | None) -> None:
         """Show every frame, sent and received, to `record`."""
         self._channel.record = record
@@ -131,8 +140,9 @@ class RmdBus:
         Raises:
             BusError: the channel is gone.
         """
-        self._enabled = False
+        self._enabled = self._silent = False
         self._channel.purge()
+        self._channel.interrupted = False
         self._channel.noted.clear()
         for link in self._drives:
             link.lost = ""
@@ -178,15 +188,39 @@ class RmdBus:
 
     def burst(self, angles: Floats | None) -> None:
         """The sending half. Only enabled drives are commanded, and only with finite setpoints; others are read."""
+        self._channel.check_open()
+        if self._channel.interrupted:
+            self._channel.interrupted = False
+            self._distrust("its bus was gone: arm again")
         self._sent = self._reads() if angles is None else self._setpoints(angles)
-        self._channel.send((*self._sent, *self._polls()), self.reply_timeout_s)
+        # One question a tick until somebody answers: nothing piles up in an adapter that does not send.
+        burst = [next(self._slow_cycle)] if self._silent else [*self._sent, *self._polls()]
+        self._channel.send_burst(burst, self.reply_timeout_s)
 
     def collect(self) -> Feedback:
         """The receiving half."""
         replies = self._channel.collect()
         valid = self._take(self._sent, replies)
         self._missed = np.where(valid, 0, self._missed + 1)
+        if replies:
+            self._silent = False
+        elif self._channel.told_off:
+            self._channel.check_off()
+        elif not self._silent and self._missed.min() >= SILENT_TICKS:
+            self._channel.check_off()
+            self._silent = True
+            if self._enabled:
+                self._distrust(
+                    f"nobody answers on {self._channel.label}: check power, cable and adapter, then arm again"
+                )
         return self._feedback(valid)
+
+    def _distrust(self, why: str) -> None:
+        """Nothing is commanded until the drives were probed and enabled again."""
+        self._count["channel lost"] += 1
+        self._enabled = False
+        for link in self._drives:
+            link.lost = link.lost or why
 
     def _reads(self) -> list[Outgoing]:
         return [link.motion for link in self._drives]

@@ -12,7 +12,7 @@ import pytest
 
 from cobra.clock import ManualClock, SystemClock
 from cobra.loading import load_description
-from cobra.motors.bus_load import frame_bits
+from cobra.motors.frame_bits import frame_bits
 from cobra.motors.open_bus import open_bus
 from cobra.motors.rmd import RMD_V1, decode, encode
 from cobra.motors.rmd_channel import RmdChannel, outgoing
@@ -103,7 +103,7 @@ def test_a_burst_against_one_drive_after_the_other(
 ) -> None:
     d = cobra()
     requests = [outgoing(RMD_V1, address, "position", speed_dps=4125, angle_deg=1.0) for address in range(1, 15)]
-    monkeypatch.setattr("cobra.motors.rmd_channel.can.Bus", lambda **_: LatentDrives())
+    monkeypatch.setattr("can.Bus", lambda **_: LatentDrives())
     channel = RmdChannel(d.buses[0], SystemClock(), {}, Counter())
     channel.open()
     burst = times_of(lambda: channel.transact(requests, 0.02), 300)

@@ -26,7 +26,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Rig]]:
         drives = [HandmadeDrive(i + 1, v3=protocol == "rmd-v3", shaft_deg=100.0 * i) for i in range(n)]
         change(drives)
         wire = Wire(clock, drives)
-        monkeypatch.setattr("cobra.motors.rmd_channel.can.Bus", lambda **_: wire)
+        monkeypatch.setattr("can.Bus", lambda **_: wire)
         description = robot(n, protocol, **teleop)
         bus = RmdBus(description, description.buses[0], clock, {})
         bus.open()

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from cobra.clock import ManualClock
 from cobra.loading import load_description
 from cobra.motors.bus import BusError
-from cobra.motors.bus_load import channel_load, frame_bits
+from cobra.motors.bus_load import channel_load
+from cobra.motors.frame_bits import frame_bits
 from cobra.motors.open_bus import open_bus
 from tests.cobra.motors.handmade_drives import robot
 
