@@ -5,11 +5,10 @@ per robot and process: all Bus objects of a channel see each other's frames, lik
 long as one of them is open.
 """
 
-import copy
 import math
 import threading
 from queue import Empty, SimpleQueue
-from typing import Any, Final, cast, get_args
+from typing import Any, Final, get_args
 
 import can
 
@@ -17,7 +16,9 @@ from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, load_description, robot_names
 from cobra.simulation.losses import Losses, with_losses
+from cobra.simulation.node import Frame
 from cobra.simulation.plant import Plant
+from cobra.simulation.wire import Timing, Wire
 from cobra.simulation.world import CHUNK_S, Stepping, World
 
 QUEUE_FRAMES: Final = 16384
@@ -28,25 +29,21 @@ TWINS: Final = ("default", "ideal", "none")
 
 
 class _Network:
-    """One world and the Bus objects on its channels."""
+    """One world and the wires of its buses."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, timing: Timing, latency_s: float, seed: int) -> None:
         self.world = world
-        self.nodes: tuple[SimulatedBus, ...] = ()
+        self.wires = {
+            bus.name: Wire(world.nodes_on(bus.name), world.clock.now, bus.bitrate, timing, latency_s, seed)
+            for bus in world.description.buses
+        }
 
-    def deliver(self, bus_name: str, arbitration_id: int, data: bytes) -> None:
-        """Give every node on a bus a frame that a drive sends."""
-        for node in self.nodes:
-            if node.bus_name == bus_name:
-                node.receive(_frame(self.world.clock.now(), arbitration_id, data))
+    @property
+    def used(self) -> bool:
+        return any(wire.adapters for wire in self.wires.values())
 
-    def forward(self, frame: can.Message, sender: "SimulatedBus") -> None:
-        """Give every other node of the sender's bus a copy of its frame."""
-        for node in self.nodes:
-            if node is not sender and node.bus_name == sender.bus_name:
-                copied = copy.deepcopy(frame)
-                copied.timestamp, copied.is_rx = self.world.clock.now(), True
-                node.receive(copied)
+    def say(self, bus_name: str, drive: str, frames: list[Frame]) -> None:
+        self.wires[bus_name].say(drive, frames)
 
 
 _networks: dict[str, _Network] = {}
@@ -66,6 +63,12 @@ def world_of(channel: str) -> World:
         return _networks[robot].world
 
 
+def wire_of(channel: str, bus: str) -> Wire:
+    """The medium of a described bus of an open channel, to make faults on it. Raises KeyError like `world_of`."""
+    world_of(channel)
+    return _networks[channel.partition("#")[0]].wires[bus]
+
+
 class SimulatedBus(can.BusABC):
     """A node on a simulated channel.
 
@@ -82,6 +85,8 @@ class SimulatedBus(can.BusABC):
         clock: Clock | None = None,
         stepping: Stepping = "thread",
         seed: int = 0,
+        timing: str = "instant",
+        latency_ms: float = 0.0,
         description: RobotDescription | None = None,
         bitrate: int = 1_000_000,
     ) -> None:
@@ -94,11 +99,13 @@ class SimulatedBus(can.BusABC):
             clock: what the world's time follows; the system's by default.
             stepping: "thread" advances the world in the background, "inline" only in `send` and `recv`.
             seed: of the drives' positions at power-up, the tendons' slack, and the losses.
+            timing: "instant", or "bit-true": frames take their exact bits at the described bit rate and arbitrate.
+            latency_ms: how long a drive thinks before it answers.
             description: instead of the file that the channel names.
-            bitrate: accepted as from any interface; frames take no time.
+            bitrate: accepted as from any interface; the described one counts.
 
         Raises:
-            can.CanInitializationError: no such robot, bus, twin or stepping, or the channel is another robot's.
+            can.CanInitializationError: no such robot, bus, twin, stepping or timing, or the channel is another robot's.
         """
         self.channel_info = f"simulated drives of {channel}"
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
@@ -111,8 +118,9 @@ class SimulatedBus(can.BusABC):
                 description = description or _load(self._robot)
                 true = with_losses(description, _losses(twin, losses), seed)
                 plant = _make_plant(twin, true)
-                world = World(description, plant, clock or SystemClock(), _checked(stepping), seed, true)
-                network = _Network(world)
+                step = _checked("stepping", stepping, Stepping)
+                world = World(description, plant, clock or SystemClock(), step, seed, true)
+                network = _Network(world, _checked("timing", timing, Timing), latency_ms / 1000.0, seed)
             elif description is not None and description != network.world.description:
                 raise can.CanInitializationError(f"channel {channel!r} is open already, with another description")
             self._network = network
@@ -120,46 +128,42 @@ class SimulatedBus(can.BusABC):
             self.bus_name = _bus_name(self.world.description, channel, wanted)
             self._inline = self.world.stepping == "inline"
             super().__init__(channel, can_filters)
-            network.nodes = (*network.nodes, self)
+            self._wire = network.wires[self.bus_name]
+            self._wire.adapters = (*self._wire.adapters, self)
             if self._robot not in _networks:
                 _networks[self._robot] = network
-                self.world.start(network.deliver)
+                self.world.start(network.say)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Deliver a frame and, at once, the reply of the drive that it asks."""
+        """Put a frame on the bus; with instant timing the drives' replies are there when it returns."""
         self._check()
         if self._inline:
             self._advance()
-        network = self._network
-        if len(network.nodes) > 1:
-            network.forward(msg, self)
-        if msg.is_error_frame or msg.is_remote_frame or msg.is_extended_id or msg.is_fd:
-            return
-        answer = self.world.answer(self.bus_name, msg.arbitration_id, bytes(msg.data))
-        if answer is not None:
-            network.deliver(self.bus_name, *answer)
+        self._wire.send(self, msg)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame; None after `timeout` seconds. Inline, waiting is what lets the clock and the world go on."""
         self._check()
-        remaining = math.inf if timeout is None else timeout
+        clock = self.world.clock
+        deadline = math.inf if timeout is None else clock.now() + timeout
         while True:
-            step = min(remaining, CHUNK_S if self._inline else POLL_S)
+            self._wire.settle()
+            now = clock.now()
+            wake = min(deadline, self._wire.next_s, now + (CHUNK_S if self._inline else POLL_S))
             try:
-                if self._inline or step <= 0:
+                if self._inline or wake <= now:
                     return self._queue.get_nowait()
-                return self._queue.get(timeout=step)
+                return self._queue.get(timeout=wake - now)
             except Empty:
-                if remaining <= 0:
+                if now >= deadline:
                     return None
             if self._inline:
-                self.world.clock.sleep_until(self.world.clock.now() + step)
+                clock.sleep_until(wake)
                 self._advance()
             self._check()
-            remaining -= step
 
     def receive(self, frame: can.Message) -> None:
-        """Take a frame that another node sent; called by the network."""
+        """Take a frame that another node sent; called by the wire."""
         if not self._matches_filters(frame):
             return
         if self._queue.qsize() < QUEUE_FRAMES:
@@ -168,15 +172,16 @@ class SimulatedBus(can.BusABC):
             self.lost += 1
 
     def flush_tx_buffer(self) -> None:
-        """Nothing waits here: frames take no time."""
+        """Forget what still waits to be sent."""
+        self._wire.purge(self)
 
     def shutdown(self) -> None:
         """Leave the channel; the last one ends its world."""
         super().shutdown()
         with _networks_lock:
             network = self._network
-            network.nodes = tuple(node for node in network.nodes if node is not self)
-            if not network.nodes and _networks.get(self._robot) is network:
+            self._wire.leave(self)
+            if not network.used and _networks.get(self._robot) is network:
                 del _networks[self._robot]
                 network.world.stop()
 
@@ -192,10 +197,6 @@ class SimulatedBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: the bus is shut down")
         if self.world.failure is not None:
             raise can.CanOperationError(f"{self.channel_info}: the world stopped: {self.world.failure}")
-
-
-def _frame(time_s: float, arbitration_id: int, data: bytes) -> can.Message:
-    return can.Message(timestamp=time_s, arbitration_id=arbitration_id, is_extended_id=False, data=data)
 
 
 def _load(robot: str) -> RobotDescription:
@@ -220,15 +221,14 @@ def _make_plant(twin: str | Plant, description: RobotDescription) -> Plant | Non
 
 def _losses(twin: str | Plant, losses: str) -> Losses:
     """Only the default twin has any: the ideal one is ideal, and a plant of one's own has its own."""
-    if losses not in get_args(Losses):
-        raise can.CanInitializationError(f"losses = {losses!r}: must be one of {', '.join(get_args(Losses))}")
-    return cast(Losses, losses) if twin == "default" else "off"
+    chosen: Losses = _checked("losses", losses, Losses)
+    return chosen if twin == "default" else "off"
 
 
-def _checked(stepping: str) -> Stepping:
-    if stepping not in get_args(Stepping):
-        raise can.CanInitializationError(f"stepping = {stepping!r}: must be one of {', '.join(get_args(Stepping))}")
-    return cast(Stepping, stepping)
+def _checked(option: str, value: str, allowed: Any) -> Any:
+    if value not in get_args(allowed):
+        raise can.CanInitializationError(f"{option} = {value!r}: must be one of {', '.join(get_args(allowed))}")
+    return value
 
 
 def _bus_name(description: RobotDescription, channel: str, wanted: str) -> str:

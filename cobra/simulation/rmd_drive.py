@@ -7,7 +7,8 @@ import numpy as np
 
 from cobra.clock import Clock
 from cobra.description import Motor
-from cobra.motors.rmd import DIALECTS, RMD_V3, WATCHDOG_ALARM, Request, decode_request, encode_reply
+from cobra.motors.rmd import DIALECTS, REQUEST_ID, RMD_V3, WATCHDOG_ALARM, Request, decode_request, encode_reply
+from cobra.simulation.node import Frame
 from cobra.simulation.servos import Command, Servos, State
 
 ALARM_PERIOD_S = 1.0
@@ -22,7 +23,10 @@ Values = dict[str, float]
 class RmdDrive:
     """Drive `index` of `servos`, in the dialect of its motor."""
 
-    def __init__(self, motor: Motor, servos: Servos, index: int, clock: Clock, rng: np.random.Generator) -> None:
+    def __init__(
+        self, address: int, motor: Motor, servos: Servos, index: int, clock: Clock, rng: np.random.Generator
+    ) -> None:
+        self.address = address
         self.dialect = DIALECTS[motor.protocol]
         self._motor = motor
         self._servos = servos
@@ -67,7 +71,21 @@ class RmdDrive:
             "watchdog": self._watchdog,
         }
 
-    def answer(self, data: bytes) -> bytes | None:
+    @property
+    def listens(self) -> frozenset[int]:
+        return frozenset({REQUEST_ID + self.address})
+
+    def hear(self, arbitration_id: int, data: bytes) -> list[Frame]:
+        """The reply to its request; nothing to what it does not understand."""
+        reply = self._answer(data)
+        return [] if reply is None else [(self.dialect.reply_id + self.address, reply)]
+
+    def unasked(self) -> list[Frame]:
+        """A v3 drive whose watchdog ran out says so about once a second."""
+        alarm = self._alarm()
+        return [] if alarm is None else [(self.dialect.reply_id + self.address, alarm)]
+
+    def _answer(self, data: bytes) -> bytes | None:
         """The reply to 8 bytes; None for what is no request of this dialect. Never raises."""
         try:
             request, values = decode_request(self.dialect, data)
@@ -80,8 +98,7 @@ class RmdDrive:
             return bytes(data)
         return encode_reply(self.dialect, request, **self._handlers[request](values))
 
-    def alarm(self) -> bytes | None:
-        """What it sends unasked now: a v3 drive whose watchdog ran out says so about once a second."""
+    def _alarm(self) -> bytes | None:
         now = self._clock.now()
         if self._watchdog_s and not self._tripped and now - self._heard_s > self._watchdog_s:
             self._tripped = True

@@ -11,9 +11,10 @@ from typing import Final, Literal
 import numpy as np
 
 from cobra.clock import Clock
-from cobra.description import RobotDescription
-from cobra.motors.rmd import DIALECTS, REQUEST_ID
+from cobra.description import Motor, RobotDescription
+from cobra.motors.rmd import DIALECTS
 from cobra.simulation.lost_motion import LostMotion
+from cobra.simulation.node import Frame, Node
 from cobra.simulation.plant import Floats, Plant, Truth
 from cobra.simulation.rmd_drive import RmdDrive
 from cobra.simulation.servos import Servos, State
@@ -54,17 +55,11 @@ class World:
         self.clock = clock
         self.stepping = stepping
         self.servos = Servos(motors)
-        self.drives: tuple[RmdDrive | None, ...] = tuple(
-            RmdDrive(motor, self.servos, i, clock, rng) if motor.protocol in DIALECTS else None
-            for i, motor in enumerate(motors)
+        self.drives: tuple[Node, ...] = tuple(
+            _node_type(motor)(drive.address, motor, self.servos, i, clock, rng)
+            for i, (drive, motor) in enumerate(zip(description.drives, motors, strict=True))
         )
-        self._by_address = {
-            (drive.bus, drive.address): simulated
-            for drive, simulated in zip(description.drives, self.drives, strict=True)
-            if simulated is not None
-        }
-        self._guarded = {at: drive for at, drive in self._by_address.items() if "watchdog" in drive.dialect.entries}
-        self._send: Callable[[str, int, bytes], None] = lambda *_: None
+        self._say: Callable[[str, str, list[Frame]], None] = lambda *_: None
         self.dropped_s = 0.0
         """Simulated time lost to a stalled machine."""
         self.failure: Exception | None = None
@@ -81,9 +76,14 @@ class World:
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def start(self, send: Callable[[str, int, bytes], None]) -> None:
-        """Let time pass. `send(bus name, id, data)` is called with what drives send unasked."""
-        self._send = send
+    def nodes_on(self, bus_name: str) -> dict[str, Node]:
+        """The drives of a bus, by name."""
+        drives = zip(self.description.drives, self.drives, strict=True)
+        return {drive.name: node for drive, node in drives if drive.bus == bus_name}
+
+    def start(self, say: Callable[[str, str, list[Frame]], None]) -> None:
+        """Let time pass. `say(bus name, drive name, frames)` is called with what drives send unasked."""
+        self._say = say
         self._time_s = self.clock.now()
         if self.stepping == "thread":
             self._thread = threading.Thread(target=self._run, name="simulated-world", daemon=True)
@@ -118,12 +118,6 @@ class World:
         """The plant's own truth; None without a plant."""
         return self.plant.truth() if self.plant is not None else None
 
-    def answer(self, bus_name: str, arbitration_id: int, data: bytes) -> tuple[int, bytes] | None:
-        """What a drive on this bus replies to a plain 8-byte frame: id and data. None if no drive understands it."""
-        drive = self._by_address.get((bus_name, arbitration_id - REQUEST_ID))
-        reply = drive.answer(data) if drive is not None else None
-        return None if reply is None or drive is None else (drive.dialect.reply_id + arbitration_id - REQUEST_ID, reply)
-
     def advance_to(self, now_s: float) -> None:
         """Let the world catch up with the clock, in whole chunks."""
         with self._stepping_lock:
@@ -135,9 +129,8 @@ class World:
             while self._time_s + CHUNK_S <= now_s + 5e-10 and not self._stopped.is_set():
                 self._step()
                 self._time_s += CHUNK_S
-            for (bus_name, address), drive in self._guarded.items():
-                if (alarm := drive.alarm()) is not None:
-                    self._send(bus_name, drive.dialect.reply_id + address, alarm)
+            for drive, node in zip(self.description.drives, self.drives, strict=True):
+                self._say(drive.bus, drive.name, node.unasked())
 
     def _step(self) -> None:
         torque = self._load * self._reaction * self._lost_motion.lever(self.servos.angle)
@@ -161,3 +154,12 @@ def _start_travel(description: RobotDescription, index: int, rng: np.random.Gene
     if drive.moves == "tendon":
         return float(rng.uniform(*SLACK_M))
     return description.feed.start_m if drive.moves == "feed" and description.feed else 0.0
+
+
+def _node_type(motor: Motor) -> Callable[[int, Motor, Servos, int, Clock, np.random.Generator], Node]:
+    if motor.protocol in DIALECTS:
+        return RmdDrive
+    # Only who has CANopen drives waits for that package.
+    from cobra.simulation.cia402_drive import Cia402Drive  # noqa: PLC0415
+
+    return Cia402Drive

@@ -13,7 +13,7 @@ from cobra.clock import ManualClock
 from cobra.description import RobotDescription
 from cobra.motors.bus import BusError
 from cobra.motors.open_bus import open_bus
-from cobra.simulation.drives import world_of
+from cobra.simulation.drives import wire_of, world_of
 from tests.cobra.motors.handmade_drives import robot
 
 
@@ -96,14 +96,11 @@ def test_a_dead_channel_does_not_keep_the_other_from_holding(monkeypatch: pytest
         bus.exchange(bus.exchange(None).angle + 1.0)
         clock.advance(0.05)
         world = world_of("cobra")
-        answer = world.answer
 
-        def cut(bus_name: str, arbitration_id: int, data: bytes) -> tuple[int, bytes] | None:
-            if bus_name == "main":
-                raise can.CanOperationError("unplugged")
-            return answer(bus_name, arbitration_id, data)
+        def cut(*_: object) -> None:
+            raise can.CanOperationError("unplugged")
 
-        monkeypatch.setattr(world, "answer", cut)
+        monkeypatch.setattr(wire_of("cobra", "main"), "send", cut)
         for act in (bus.hold, lambda: bus.exchange(None)):
             with pytest.raises(BusError, match=r"bus 'main' \(cobra-sim cobra\): sending failed: unplugged"):
                 act()
