@@ -312,11 +312,21 @@ def _wrong_drives(d: RobotDescription) -> list[str]:
         seen[(drive.bus, drive.address)] = drive.name
         if motors[drive.motor].protocol.startswith("rmd") and drive.address > 32:
             out.append(f"{key}.address = {drive.address}: RMD drives have addresses 1 to 32")
+        if motors[drive.motor].protocol == "cia402" and drive.address == 127:
+            out.append(
+                f"{key}.address = {drive.address}: CiA 402 drives have node ids 1 to 126; 127 is the controller's"
+            )
         out += _wrong_transmission(d, key, drive)
         if drive.moves == "tendon" and drive.tendon in pulled:
             out.append(f"{key}.tendon = {drive.tendon!r}: drive {pulled[drive.tendon]!r} pulls it already")
         if drive.moves == "tendon" and drive.tendon:
             pulled[drive.tendon] = drive.name
+    for bus_name in sorted(buses):
+        protocols = sorted({motors[x.motor].protocol for x in d.drives if x.bus == bus_name and x.motor in motors})
+        if "cia402" in protocols and len(protocols) > 1:
+            out.append(
+                f"buses: bus {bus_name!r} has drives of {' and '.join(protocols)}; give CiA 402 drives a bus of their own"
+            )
     for name in d.tendon_names:
         if name not in pulled:
             out.append(f"drives: tendon {name!r} is missing: no drive has tendon = {name!r}")

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from cobra.description import Bus, Drive, RobotDescription
+from cobra.motors.bus import BusError
+from cobra.motors.cia402_frames import ACTUALS, HEARTBEAT, RPDO1, SDO_REQUEST, SYNC, TARGETS, TPDO1
 from cobra.motors.frame_bits import frame_bits
 from cobra.motors.rmd import DIALECTS, REQUEST_ID, Dialect, Request, encode, encode_reply
 
@@ -14,6 +16,7 @@ MAX_LOAD = 0.95
 """Beyond this a loop cannot keep its period."""
 SLOW_POLLS_PER_TICK = 0.1
 """At least: status of one drive every ten ticks."""
+MAX_INTERPOLATION_MS = 100
 ANGLE_PERIOD_TICKS = 4
 """At least: every v3 drive's angle once in so many ticks."""
 
@@ -63,8 +66,10 @@ class ChannelLoad:
 
 
 def channel_load(description: RobotDescription, bus: Bus) -> ChannelLoad:
-    """Load of one channel of RMD drives with as much polling as fits under `DESIGN_LOAD`."""
+    """Load of one channel with as much polling as fits under `DESIGN_LOAD`."""
     drives = [drive for drive in description.drives if drive.bus == bus.name]
+    if any(description.motor_of(drive).protocol == "cia402" for drive in drives):
+        return _canopen_load(drives, bus, description.teleop.loop_rate_Hz)
     dialects = [DIALECTS[description.motor_of(drive).protocol] for drive in drives]
     rate = description.teleop.loop_rate_Hz
     setpoint_bits = sum(_setpoint_bits(d, k) for d, k in zip(drives, dialects, strict=True))
@@ -74,6 +79,29 @@ def channel_load(description: RobotDescription, bus: Bus) -> ChannelLoad:
     slow = min(1.0, max(SLOW_POLLS_PER_TICK, room))
     angles = min(coarse, max(math.ceil(coarse / ANGLE_PERIOD_TICKS), int(room - slow)))
     return ChannelLoad(bus, rate, setpoint_bits, len(drives), poll_bits, angles, slow)
+
+
+def whole_milliseconds(rate_Hz: float) -> int:
+    """The loop's period as CiA 402 drives take it (60C2). Raises BusError if it is none."""
+    period_ms = round(1000.0 / rate_Hz)
+    if abs(period_ms - 1000.0 / rate_Hz) > 1e-6 or period_ms > MAX_INTERPOLATION_MS:
+        raise BusError(
+            f"teleop.loop_rate_Hz = {rate_Hz:g}: CiA 402 drives interpolate over whole milliseconds, at most "
+            f"{MAX_INTERPOLATION_MS}: give 50, 100, 125, 200 or 250"
+        )
+    return period_ms
+
+
+def _canopen_load(drives: list[Drive], bus: Bus, rate_Hz: float) -> ChannelLoad:
+    """SYNC, targets and actuals of every drive in every tick; heartbeats; a read over SDO now and then."""
+    targets, actuals = TARGETS.pack(15, 123_456), ACTUALS.pack(0x1237, 123_456, -42)
+    beats_Hz = len(drives) * 10 + 20
+    exchange_bits = frame_bits(SYNC, b"") + math.ceil(beats_Hz / rate_Hz * frame_bits(HEARTBEAT + 1, b"\x05"))
+    for drive in drives:
+        exchange_bits += frame_bits(RPDO1 + drive.address, targets) + frame_bits(TPDO1 + drive.address, actuals)
+    poll_bits = 2 * frame_bits(SDO_REQUEST + 1, bytes.fromhex("4000220100000000"))
+    room = max(0.0, DESIGN_LOAD * bus.bitrate / rate_Hz - exchange_bits) / poll_bits
+    return ChannelLoad(bus, rate_Hz, exchange_bits, len(drives), poll_bits, 0, min(1.0, max(SLOW_POLLS_PER_TICK, room)))
 
 
 @lru_cache(maxsize=256)

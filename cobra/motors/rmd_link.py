@@ -3,6 +3,7 @@
 import math
 
 from cobra.description import Drive, Motor
+from cobra.motors.drive_limits import beyond_limits
 from cobra.motors.rmd import DIALECTS, RMD_V1, RMD_V3, WATCHDOG_ALARM, Dialect, Request, fault_words
 from cobra.motors.rmd_channel import Outgoing, outgoing, reply_key
 
@@ -45,10 +46,5 @@ class RmdLink:
 
     def take_status(self, status: dict[str, float]) -> None:
         """Keep in words what is wrong by the drive's own flags and by the limits of its motor."""
-        motor, celsius, volts = self.motor, status["temperature_C"], status["voltage_V"]
-        errors = list(fault_words(self.dialect, int(status["flags"])))
-        if celsius > motor.max_temperature_C:
-            errors.append(f"{celsius:g} °C, at most {motor.max_temperature_C:g}")
-        if not motor.min_voltage_V <= volts <= motor.max_voltage_V:
-            errors.append(f"{volts:g} V, must be {motor.min_voltage_V:g} to {motor.max_voltage_V:g}")
-        self.errors = tuple(errors)
+        limits = beyond_limits(self.motor, status["temperature_C"], status["voltage_V"])
+        self.errors = (*fault_words(self.dialect, int(status["flags"])), *limits)

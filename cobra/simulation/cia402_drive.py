@@ -8,7 +8,7 @@ import numpy as np
 
 from cobra.clock import Clock
 from cobra.description import Motor
-from cobra.motors.cia402 import (
+from cobra.motors.cia402_frames import (
     EMERGENCY,
     ENABLE_OPERATION,
     FAULT_RESET,

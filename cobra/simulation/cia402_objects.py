@@ -8,7 +8,8 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
-from cobra.motors.cia402 import CYCLIC_SYNCHRONOUS_POSITION, SDO_REPLY, SDO_REQUEST, object_dictionary
+from cobra.motors.cia402_frames import CYCLIC_SYNCHRONOUS_POSITION, SDO_REPLY, SDO_REQUEST
+from cobra.motors.cia402_objects import object_dictionary
 from cobra.simulation.node import Frame
 
 Key = tuple[int, int]

@@ -148,11 +148,6 @@ def test_a_stray_configuration_of_python_can_changes_nothing(monkeypatch: pytest
         assert bus.enable() == ()
 
 
-def test_a_protocol_that_cannot_be_driven_is_refused() -> None:
-    with pytest.raises(BusError, match="drive 'S1': protocol 'cia402'"):
-        open_bus(robot(14, "cia402"), ManualClock())
-
-
 def test_the_log_has_every_frame_of_every_channel(tmp_path: Path) -> None:
     path = tmp_path / "can.log"
     with open_bus(simulated(on_two_channels()), ManualClock(), can_log=path) as bus:
