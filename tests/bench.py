@@ -4,6 +4,7 @@ import msgspec
 
 from cobra.clock import ManualClock
 from cobra.control.loop import RobotLoop
+from cobra.description import RobotDescription
 from cobra.loading import load_description
 from cobra.messages import Command, Event, Intent, Reply, Request, RobotState, encode
 from cobra.motors.open_bus import open_bus
@@ -14,11 +15,15 @@ CHANNEL = "cobra"
 class Bench:
     """The control loop on its twin, ticked by hand."""
 
-    def __init__(self, seed: int, twin: str = "default", robot: str = CHANNEL) -> None:
-        description = load_description(robot)
+    def __init__(
+        self, seed: int, twin: str = "default", robot: str = CHANNEL, description: RobotDescription | None = None
+    ) -> None:
+        description = description or load_description(robot)
         options = {"twin": twin, "stepping": "inline", "seed": seed}
-        bus = msgspec.structs.replace(description.buses[0], channel=robot, options=options)
-        self.description = msgspec.structs.replace(description, buses=(bus,))
+        buses = tuple(
+            msgspec.structs.replace(bus, channel=f"{robot}#{bus.name}", options=options) for bus in description.buses
+        )
+        self.description = msgspec.structs.replace(description, buses=buses)
         self.clock = ManualClock()
         self.states: list[RobotState] = []
         self.events: list[Event] = []
