@@ -19,9 +19,12 @@ from cobra.control.poses import PoseBook
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import Bus, RobotDescription
 from cobra.loading import description_text, load_description
-from cobra.messages import Meta
+from cobra.messages import Meta, Walls
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
+from cobra.simulation.environments import Environment
+from cobra.simulation.options import AS_DESCRIBED, Simulation
+from cobra.simulation.world import World
 
 log = logging.getLogger("cobra.robot")
 
@@ -34,7 +37,7 @@ def run_robot(
     robot: str,
     *,
     endpoint: str | None = None,
-    twin: str = "default",
+    simulation: Simulation = AS_DESCRIBED,
     can_log: Path | None = None,
     orphaned_s: float = ORPHANED_S,
     leave_when_orphaned: bool = False,
@@ -44,7 +47,7 @@ def run_robot(
     Args:
         robot: name of a preset or path of a description.
         endpoint: where the link listens; a free loopback port by default.
-        twin: kind of the physics twin behind simulated drives ("default", "ideal" or "none").
+        simulation: of the drives that are simulated, and of what they move.
         can_log: file that gets every CAN frame.
         orphaned_s: after this long without a console the description's final action is taken.
         leave_when_orphaned: also exit then; else wait for the next console, disarmed.
@@ -52,15 +55,16 @@ def run_robot(
     Raises:
         DescriptionError, LinkError, BusError: with one clear line.
     """
-    description = _with_twin(robot, twin)
+    description = _simulated(robot, simulation)
     ask_for_realtime(OTHERS_PRIORITY)
     endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
     clock = SystemClock()
-    link = RobotLink(description.name, endpoint, _meta(robot))
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
+        world = _world(description)
+        link = RobotLink(description.name, endpoint, _meta(robot, world))
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard, poses)
         poses.complain = loop.warn
@@ -72,7 +76,7 @@ def run_robot(
             threading.Thread(target=watch.run, args=(done,), name="watch", daemon=True),
             threading.Thread(target=loop.prepare, name="prepare", daemon=True),
         ]
-        if publish := _truth_publisher(description, link):
+        if publish := _truth_publisher(world, link):
             helpers.append(threading.Thread(target=publish, args=(done,), name="truth", daemon=True))
         for helper in helpers:
             helper.start()
@@ -107,10 +111,14 @@ class _Watch:
                 seen = False
 
 
-def _truth_publisher(description: RobotDescription, link: RobotLink) -> Callable[[threading.Event], None] | None:
-    """A thread's body that publishes the twin's truth, for tests and plots only; None without a twin here."""
+def _world(description: RobotDescription) -> World | None:
+    """The simulated world in this process; None on hardware."""
     simulated = [bus for bus in description.buses if bus.interface == "cobra-sim"]
-    world = world_of(simulated[0].channel) if simulated else None
+    return world_of(simulated[0].channel) if simulated else None
+
+
+def _truth_publisher(world: World | None, link: RobotLink) -> Callable[[threading.Event], None] | None:
+    """A thread's body that publishes the twin's truth, for tests and the scene only; None without a twin here."""
     plant = world.plant if world else None
     if plant is None:
         return None
@@ -122,19 +130,36 @@ def _truth_publisher(description: RobotDescription, link: RobotLink) -> Callable
     return publish
 
 
-def _with_twin(robot: str, twin: str) -> RobotDescription:
-    """The description, with its simulated buses led to this robot's own world and the wanted kind of twin."""
+def _simulated(robot: str, simulation: Simulation) -> RobotDescription:
+    """The description, with its simulated buses led to this robot's own world, simulated as wanted."""
     description = load_description(robot)
 
     def chosen(bus: Bus) -> Bus:
         if bus.interface != "cobra-sim":
             return bus
-        return msgspec.structs.replace(bus, channel=f"{robot}#{bus.name}", options={"twin": twin, **bus.options})
+        return msgspec.structs.replace(
+            bus, channel=f"{robot}#{bus.name}", options={**simulation.bus_options(), **bus.options}
+        )
 
     return msgspec.structs.replace(description, buses=tuple(chosen(bus) for bus in description.buses))
 
 
-def _meta(robot: str) -> Meta:
+def _meta(robot: str, world: World | None) -> Meta:
     versions = {name: metadata.version(name) for name in VERSIONS}
     versions["python"] = sys.version.split()[0]
-    return Meta(description=description_text(robot), versions=versions, pid=os.getpid())
+    environment = world.plant.environment if world and world.plant else None
+    return Meta(
+        description=description_text(robot),
+        versions=versions,
+        pid=os.getpid(),
+        walls=_walls(environment) if environment else None,
+        notes=world.notes if world else (),
+    )
+
+
+def _walls(environment: Environment) -> Walls:
+    return Walls(
+        title=environment.title,
+        vertices=environment.vertices.astype("<f4").tobytes(),
+        faces=environment.faces.astype("<u4").tobytes(),
+    )

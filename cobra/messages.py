@@ -259,6 +259,16 @@ class Heard(Message, frozen=True, kw_only=True):
     """Of a flood: what arrived beside these in the same tick."""
 
 
+class Walls(Message, frozen=True, kw_only=True):
+    """What surrounds a simulated robot, for the eye."""
+
+    title: str
+    vertices: bytes
+    """Float32, three a point [m], in the frame of the entry port."""
+    faces: bytes
+    """Uint32, three corners a triangle."""
+
+
 class Meta(Message, frozen=True, kw_only=True):
     """Answered once to whoever connects."""
 
@@ -266,6 +276,9 @@ class Meta(Message, frozen=True, kw_only=True):
     """The robot description as TOML text."""
     versions: dict[str, str]
     pid: int
+    walls: Walls | None = None
+    notes: tuple[str, ...] = ()
+    """What people should know of how this robot was started."""
 
 
 M = TypeVar("M", bound=Message)

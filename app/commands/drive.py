@@ -5,13 +5,13 @@ from typing import Annotated
 
 import tyro
 
-from app.commands.command import CanLog, RobotName, Twin
+from app.commands.command import AS_DESCRIBED, CanLog, RobotName, Simulated
 
 
 def drive(
     *,
     robot: RobotName = "cobra",
-    twin: Twin = "default",
+    simulated: Simulated = AS_DESCRIBED,
     port: Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")] = 8080,
     host: Annotated[
         str, tyro.conf.arg(help="Address to serve the page on; others than loopback need users and TLS.")
@@ -39,7 +39,7 @@ def drive(
     return Console(
         ConsoleOptions(
             robot=robot,
-            twin=twin,
+            simulation=simulated.simulation(),
             host=host,
             port=port,
             tls_cert=tls_cert,

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from app.commands.command import CanLog, Command, RobotName, Twin
+from app.commands.command import AS_DESCRIBED, CanLog, Command, RobotName, Simulated
 
 
 def robot_process(
@@ -13,7 +13,7 @@ def robot_process(
     listen: Annotated[
         str | None, tyro.conf.arg(metavar="ENDPOINT", help="Where the link listens; a free loopback port by default.")
     ] = None,
-    twin: Twin = "default",
+    simulated: Simulated = AS_DESCRIBED,
     can_log: CanLog = None,
     orphaned_after: Annotated[
         float, tyro.conf.arg(metavar="SECONDS", help="Without a console for this long, take the final action.")
@@ -25,7 +25,7 @@ def robot_process(
     return run_robot(
         robot,
         endpoint=listen,
-        twin=twin,
+        simulation=simulated.simulation(),
         can_log=can_log,
         orphaned_s=orphaned_after,
         leave_when_orphaned=leave_when_orphaned,

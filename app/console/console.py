@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from app import runtime
+from app.commands.command import as_options
 from app.console import listening
 from app.console.driver import Driver
 from app.console.front_door import FrontDoor
@@ -30,6 +31,7 @@ from app.people.users import Users
 from cobra.clock import SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import load_description
+from cobra.simulation.options import AS_DESCRIBED, Simulation
 
 log = logging.getLogger("cobra.console")
 SWITCH_INTERVAL_S = 0.0005
@@ -43,7 +45,7 @@ class ConsoleOptions:
     """What the command line chose."""
 
     robot: str = "cobra"
-    twin: str = "default"
+    simulation: Simulation = AS_DESCRIBED
     host: str = "127.0.0.1"
     port: int = 8080
     tls_cert: Path | None = None
@@ -175,7 +177,7 @@ def _refuse_a_second(robot: str) -> None:
 
 def _robot_options(options: ConsoleOptions) -> tuple[str, ...]:
     log_file = ("--can-log", str(options.can_log.absolute())) if options.can_log else ()
-    return ("--twin", options.twin, *log_file)
+    return (*as_options(options.simulation), *log_file)
 
 
 def _choose_port(wanted: int) -> tuple[int, str]:

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobra.description import Drive, RobotDescription, Tendon
+from cobra.simulation.contacts import add_skin, add_walls
+from cobra.simulation.environments import Environment
 from cobra.simulation.plant import Floats
 
 Kind = Literal["default", "ideal"]
@@ -107,12 +109,14 @@ def intervals(description: RobotDescription) -> Iterator[_Interval]:
             start, face = end, half
 
 
-def build_chain(description: RobotDescription, kind: Kind, payload_kg: float = 0.0) -> Chain:
-    """Generate and compile the model of a robot.
+def build_chain(
+    description: RobotDescription, kind: Kind, payload_kg: float = 0.0, environment: Environment | None = None
+) -> Chain:
+    """Generate and compile the model of a robot, and of the walls around it.
 
     `kind` "default" has the description's tendons and gravity, "ideal" stiff tendons and no gravity.
     """
-    builder = _Builder(description, kind, payload_kg)
+    builder = _Builder(description, kind, payload_kg, environment)
     spec = builder.build()
     model = spec.compile()
     joints = np.array([model.joint(spring.name).id for spring in builder.springs], dtype=np.intp)
@@ -152,8 +156,11 @@ def piece_name(tendon: str, section: int) -> str:
 class _Builder:
     """Walks along the robot and adds bodies, joints and holes to a specification."""
 
-    def __init__(self, description: RobotDescription, kind: Kind, payload_kg: float) -> None:
+    def __init__(
+        self, description: RobotDescription, kind: Kind, payload_kg: float, environment: Environment | None
+    ) -> None:
         self.description = description
+        self.environment = environment
         self.payload_kg = payload_kg
         self.kind = kind
         self.springs: list[Spring] = []
@@ -188,6 +195,9 @@ class _Builder:
         self._add_tendons()
         for drive in self.description.drives:
             self._add_drive(drive)
+        if self.environment is not None:
+            self._add_skins()
+            add_walls(self._spec, self.environment)
         return self._spec
 
     def tendon_stiffness(self, name: str) -> float:
@@ -215,7 +225,10 @@ class _Builder:
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.gravity = self.description.backbone.gravity_m_s2 if self.kind == "default" else (0.0, 0.0, 0.0)
         # A bad state must be seen and mended by the twin, not silently replaced by the initial one.
-        option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_CONTACT
+        option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        if self.environment is None:
+            option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         self._spec.compiler.autolimits = False
         self._spec.compiler.degree = False
 
@@ -339,6 +352,14 @@ class _Builder:
             self._body.add_body(
                 name="payload", pos=tip, explicitinertial=True, mass=self.payload_kg, inertia=(point, point, point)
             )
+
+    def _add_skins(self) -> None:
+        """A capsule along every body, as far as the next begins; the last one's round end is the tip."""
+        radius = self.description.backbone.diameter_m / 2
+        tip = self.description.active_length_m - radius
+        ends = [*(origin for _, origin, _ in self._spans[1:]), tip]
+        for (body, origin, _), end in zip(self._spans, ends, strict=True):
+            add_skin(body, 0.0, end - origin, radius)
 
     def _add_tendons(self) -> None:
         for name in self._holes:

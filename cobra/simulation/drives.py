@@ -7,6 +7,7 @@ long as one of them is open.
 
 import math
 import threading
+from collections.abc import Sequence
 from queue import Empty, SimpleQueue
 from typing import Any, Final, get_args
 
@@ -15,8 +16,9 @@ import can
 from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, load_description, robot_names
-from cobra.simulation.losses import Losses, with_losses
+from cobra.simulation.losses import Losses
 from cobra.simulation.node import Frame
+from cobra.simulation.options import NOWHERE_ELSE, Simulation, SimulationError
 from cobra.simulation.plant import Plant
 from cobra.simulation.wire import Timing, Wire
 from cobra.simulation.world import CHUNK_S, Stepping, World
@@ -25,7 +27,6 @@ QUEUE_FRAMES: Final = 16384
 """Unread frames that a Bus keeps; later ones are lost, as in a real adapter."""
 POLL_S: Final = 0.1
 """How often a receiver that waits for longer looks whether the world still exists."""
-TWINS: Final = ("default", "ideal", "none")
 
 
 class _Network:
@@ -81,7 +82,12 @@ class SimulatedBus(can.BusABC):
         can_filters: Any = None,
         *,
         twin: str | Plant = "default",
-        losses: str = "off",
+        losses: Losses = "off",
+        world: str = "free",
+        world_scale: float = 1.0,
+        world_pose: Sequence[float] = NOWHERE_ELSE,
+        payload_kg: float = 0.0,
+        gravity_m_s2: Sequence[float] | None = None,
         clock: Clock | None = None,
         stepping: Stepping = "thread",
         seed: int = 0,
@@ -96,6 +102,8 @@ class SimulatedBus(can.BusABC):
             twin: "default", "ideal" or "none", or a plant of one's own.
             losses: of the default twin: "seeded" draws stiffness, friction, lost motion and routing within ±30 % of the
                 description's by `seed`, "nominal" takes the description's, "off" has no friction and no lost motion.
+            world, world_scale, world_pose, payload_kg, gravity_m_s2: as in `Simulation`. A world that cannot be used
+                leaves the robot in free space; `World.notes` say why.
             clock: what the world's time follows; the system's by default.
             stepping: "thread" advances the world in the background, "inline" only in `send` and `recv`.
             seed: of the drives' positions at power-up, the tendons' slack, and the losses.
@@ -116,11 +124,19 @@ class SimulatedBus(can.BusABC):
             network = _networks.get(self._robot)
             if network is None:
                 description = description or _load(self._robot)
-                true = with_losses(description, _losses(twin, losses), seed)
-                plant = _make_plant(twin, true)
+                simulation = _simulation(
+                    twin=twin if isinstance(twin, str) else "none",
+                    losses=losses,
+                    seed=seed,
+                    world=world,
+                    world_scale=world_scale,
+                    world_pose=tuple(world_pose),
+                    payload_kg=payload_kg,
+                    gravity_m_s2=tuple(gravity_m_s2) if gravity_m_s2 is not None else None,
+                )
                 step = _checked("stepping", stepping, Stepping)
-                world = World(description, plant, clock or SystemClock(), step, seed, true)
-                network = _Network(world, _checked("timing", timing, Timing), latency_ms / 1000.0, seed)
+                made = _make_world(description, simulation, twin, clock or SystemClock(), step)
+                network = _Network(made, _checked("timing", timing, Timing), latency_ms / 1000.0, seed)
             elif description is not None and description != network.world.description:
                 raise can.CanInitializationError(f"channel {channel!r} is open already, with another description")
             self._network = network
@@ -206,23 +222,38 @@ def _load(robot: str) -> RobotDescription:
         raise can.CanInitializationError(str(error)) from None
 
 
-def _make_plant(twin: str | Plant, description: RobotDescription) -> Plant | None:
-    if not isinstance(twin, str):
-        return twin
-    if twin not in TWINS:
-        raise can.CanInitializationError(f"twin = {twin!r}: must be one of {', '.join(TWINS)}")
-    if twin == "none":
+def _simulation(**options: Any) -> Simulation:
+    try:
+        return Simulation(**options)
+    except SimulationError as error:
+        raise can.CanInitializationError(str(error)) from None
+
+
+def _make_world(
+    description: RobotDescription, simulation: Simulation, twin: str | Plant, clock: Clock, stepping: Stepping
+) -> World:
+    try:
+        true = simulation.true(description)
+    except SimulationError as error:
+        raise can.CanInitializationError(str(error)) from None
+    notes: list[str] = []
+    plant = _make_plant(true, simulation, notes) if isinstance(twin, str) else twin
+    return World(description, plant, clock, stepping, simulation.seed, true, tuple(notes))
+
+
+def _make_plant(true: RobotDescription, simulation: Simulation, notes: list[str]) -> Plant | None:
+    if simulation.twin == "none":
         return None
     # Only who has a twin waits for the physics to be imported.
+    from cobra.simulation.environments import WallsError, environment  # noqa: PLC0415
     from cobra.simulation.twin import build_twin  # noqa: PLC0415
 
-    return build_twin(description, "ideal" if twin == "ideal" else "default")
-
-
-def _losses(twin: str | Plant, losses: str) -> Losses:
-    """Only the default twin has any: the ideal one is ideal, and a plant of one's own has its own."""
-    chosen: Losses = _checked("losses", losses, Losses)
-    return chosen if twin == "default" else "off"
+    try:
+        walls = environment(simulation.world, true, simulation.world_scale, simulation.world_pose)
+    except WallsError as fault:
+        walls = None
+        notes.append(f"{fault}; going on in free space")
+    return build_twin(true, simulation.twin, simulation.payload_kg, walls)
 
 
 def _checked(option: str, value: str, allowed: Any) -> Any:

@@ -1,12 +1,21 @@
 """The seam between simulated drives and the physics they move."""
 
-from dataclasses import dataclass
-from typing import Protocol
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from cobra.simulation.environments import Environment
+
 Floats = NDArray[np.float64]
+
+
+def nowhere() -> Floats:
+    """No points (0, 3)."""
+    return np.zeros((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +37,22 @@ class Truth:
     """(tendons, 2 + sections) at the motor, at the port, and at the end of each section [N]; NaN beyond a tendon's end."""
     locked: tuple[bool, ...] = ()
     """For each chamber whose guiders can catch in each other's slots whether they have, base first."""
+    contact_points: Floats = field(default_factory=nowhere)
+    """(k, 3) where walls press on the robot [m]."""
+    contact_forces: Floats = field(default_factory=nowhere)
+    """(k, 3) on the robot [N]."""
+    clearance_m: float = math.inf
+    """From the body's skin to the nearest wall, beyond the port; negative where it presses in. inf without walls."""
+    clearance_points: Floats = field(default_factory=nowhere)
+    """(2, 3) the nearest two points of body's axis and wall [m]; none without walls."""
 
 
 class Plant(Protocol):
     """Physics driven by the travel of the drives."""
+
+    @property
+    def environment(self) -> "Environment | None":
+        """The walls around the robot; None in free space."""
 
     def advance(self, travel: Floats, duration_s: float) -> Floats:
         """Move the drives' ends to `travel` and let `duration_s` pass.

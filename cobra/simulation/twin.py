@@ -1,5 +1,6 @@
 """The physics twin: a robot's description as a MuJoCo chain, moved by the travel of its drives."""
 
+import dataclasses
 import math
 import threading
 
@@ -9,6 +10,8 @@ import numpy as np
 from cobra.description import RobotDescription
 from cobra.simulation.cables import Cables
 from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
+from cobra.simulation.contacts import NO_CONTACTS, pressing
+from cobra.simulation.environments import Environment
 from cobra.simulation.plant import Floats, Truth
 from cobra.simulation.slots import Slots
 
@@ -23,8 +26,9 @@ HELD_FRACTION = 5e-4
 class Twin:
     """A `Plant`: `advance` from one thread, `truth` from any."""
 
-    def __init__(self, description: RobotDescription, chain: Chain) -> None:
+    def __init__(self, description: RobotDescription, chain: Chain, environment: Environment | None = None) -> None:
         self.description = description
+        self.environment = environment
         self.chain = chain
         self.data = mujoco.MjData(chain.model)
         self.recoveries = 0
@@ -51,6 +55,7 @@ class Twin:
         self._feed_m = math.nan
         self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
         self._loads = np.zeros(len(d.drives))
+        self._contacts = NO_CONTACTS
         mujoco.mj_forward(chain.model, self.data)
         self._truth = self._observe()
 
@@ -76,8 +81,25 @@ class Twin:
             return self._loads.copy()
 
     def truth(self) -> Truth:
-        """The state after the last `advance`."""
-        return self._truth
+        """The state after the last `advance`; the clearance is measured now, by who asks."""
+        truth = self._truth
+        if self.environment is None:
+            return truth
+        radius = self.description.backbone.diameter_m / 2
+        axis = truth.vertebrae.copy()
+        # The tip is round: its skin ends where the axis does.
+        last = axis[-1] - axis[-2]
+        axis[-1] -= radius * last / np.linalg.norm(last)
+        beyond = axis[axis[:, 2] > 0.0]
+        if not len(beyond):
+            return truth
+        distances, places = self.environment.distance(beyond)
+        nearest = int(np.argmin(distances))
+        return dataclasses.replace(
+            truth,
+            clearance_m=float(distances[nearest]) - radius,
+            clearance_points=np.stack([beyond[nearest], places[nearest]]),
+        )
 
     def push(self, vertebra: int, force: Floats, torque: Floats | None = None) -> None:
         """From now on push at a vertebra's centre: `force` (3,) [N], `torque` (3,) [N·m], in the frame of the port.
@@ -151,6 +173,8 @@ class Twin:
             if self._cables is not None:
                 self._cables.step(data, (start + k * step_s * speed)[self._tendons])
             mujoco.mj_step2(model, data)
+            if self.environment is not None and k == steps - 1:
+                self._contacts = pressing(data)
             good = bool(data.qvel @ data.qvel < DIVERGED_SPEED**2)  # False for NaN too
             if not good:
                 break
@@ -219,6 +243,8 @@ class Twin:
             tensions=self._loads[self._tendons],
             tension_profile=self._profile(),
             locked=tuple(self._slots.caught.tolist()) if self._slots else (),
+            contact_points=self._contacts.points,
+            contact_forces=self._contacts.forces,
         )
 
     def _profile(self) -> Floats:
@@ -230,10 +256,16 @@ class Twin:
         return np.where(known, self._loads[self._tendons][:, None], np.nan)
 
 
-def build_twin(description: RobotDescription, kind: Kind = "default", payload_kg: float = 0.0) -> Twin:
+def build_twin(
+    description: RobotDescription,
+    kind: Kind = "default",
+    payload_kg: float = 0.0,
+    environment: Environment | None = None,
+) -> Twin:
     """The twin of a robot: "default" with the description's tendons and gravity, "ideal" with stiff tendons, weightless.
 
     Args:
         payload_kg: carried by the tip, a point mass.
+        environment: walls that it touches; None is free space.
     """
-    return Twin(description, build_chain(description, kind, payload_kg))
+    return Twin(description, build_chain(description, kind, payload_kg, environment), environment)

@@ -37,6 +37,7 @@ class World:
     Args:
         description: the robot that its drivers believe in.
         true: the robot that it is; the same by default.
+        notes: what people should know of this world.
     """
 
     def __init__(
@@ -47,11 +48,13 @@ class World:
         stepping: Stepping,
         seed: int,
         true: RobotDescription | None = None,
+        notes: tuple[str, ...] = (),
     ) -> None:
         rng = np.random.default_rng(seed)
         true = true or description
         motors = [true.motor_of(drive) for drive in true.drives]
         self.description = description
+        self.notes = notes
         self.clock = clock
         self.stepping = stepping
         self.servos = Servos(motors)

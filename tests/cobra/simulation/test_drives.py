@@ -27,6 +27,8 @@ TWIST, FEED = 12, 13
 class Springs:
     """Each tendon is a spring that is just taut at travel 0; feed and twist are free."""
 
+    environment = None
+
     def __init__(self, stiffness_N_m: float = 2000.0, bias_N: float = 0.0) -> None:
         self.stiffness = stiffness_N_m
         self.bias = bias_N
