@@ -13,6 +13,8 @@ TUBE: Rgb = (40, 46, 54)
 VERTEBRA: Rgb = (152, 160, 170)
 COLLAR: Rgb = (104, 120, 204)
 """The ends of the sections stand out a little."""
+RIGID: Rgb = (214, 160, 72)
+"""Guiders that have locked."""
 HEAD: Rgb = (160, 167, 176)
 AXES: tuple[Rgb, Rgb, Rgb] = ((232, 84, 76), (98, 200, 104), (84, 140, 250))
 """x, y, z."""

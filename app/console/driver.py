@@ -97,7 +97,8 @@ class Driver:
             if action == "stop":
                 self.halt(self._who, "B on the pad")
             else:
-                threading.Thread(target=self._ask_for_button, args=(Request(what=action),), daemon=True).start()
+                what = self._locking() if action == "lock" else action
+                threading.Thread(target=self._ask_for_button, args=(Request(what=what),), daemon=True).start()
         link = self._link()
         state = link.latest if link else None
         if link is None or state is None:
@@ -125,6 +126,12 @@ class Driver:
                 input_stamp=wanted.input_stamp,
             )
         )
+
+    def _locking(self) -> str:
+        """One button locks and unlocks, whichever the robot is not doing."""
+        link = self._link()
+        status = link.latest.lock.status if link and link.latest else "none"
+        return "unlock" if status in ("locking", "rigid") else "lock"
 
     def _ask_for_button(self, request: Request) -> None:
         reply = self.ask(request)

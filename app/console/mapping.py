@@ -10,11 +10,11 @@ from app.console.inputs import Button, Controls
 from cobra.description import RobotDescription
 from cobra.messages import Intent, Pair
 
-Action = Literal["stop", "arm"]
+Action = Literal["stop", "arm", "lock"]
 
 DEAD_MAN: Button = "left_shoulder"
 SHIFT: Button = "right_shoulder"
-ACTIONS: dict[Button, Action] = {"b": "stop", "start": "arm"}
+ACTIONS: dict[Button, Action] = {"b": "stop", "start": "arm", "x": "lock"}
 
 PAD_MAP: tuple[tuple[str, str], ...] = (
     ("LB (hold)", "drive while it is held; letting go stops"),
@@ -124,7 +124,8 @@ def map_controls(
     """
     pressed = controls.buttons - previous.buttons
     chosen = _choose(pressed, selection, description)
-    actions = tuple(action for button, action in ACTIONS.items() if button in pressed)
+    able = {"stop", "arm", *(("lock",) if _changes_length(description) else ())}
+    actions = tuple(action for button, action in ACTIONS.items() if button in pressed and action in able)
     speed = description.teleop.speed_levels[chosen.level]
     if not controls.connected or fault_of(controls):
         return Mapped(Intent(section=chosen.section, speed=speed), False, chosen, actions)
@@ -159,13 +160,18 @@ def pad_map(description: RobotDescription) -> tuple[tuple[str, str], ...]:
         and (description.active_sections or not does.startswith("bend"))
         and (len(description.active_sections) > 1 or not does.startswith(("choose", "bend the tip section")))
     ]
-    if any(description.sections[i].elongation for i in description.active_sections):
+    if _changes_length(description):
         shifted = "RB + " if description.feed else ""
         lines[1:1] = [
             (f"{shifted}{trigger} trigger", does)
             for trigger, does in (("right", "lengthen the section"), ("left", "shorten the section"))
         ]
+        lines.append(("X", "lock, or unlock; then hold LB until it is done"))
     return tuple((control[0].upper() + control[1:], does) for control, does in lines)
+
+
+def _changes_length(description: RobotDescription) -> bool:
+    return any(description.sections[i].elongation for i in description.active_sections)
 
 
 def _choose(pressed: frozenset[Button], selection: Selection, description: RobotDescription) -> Selection:

@@ -43,7 +43,7 @@ SESSION_OVER = 4401
 Axis = Annotated[float, Meta(ge=-1, le=1)]
 Trigger = Annotated[float, Meta(ge=0, le=1)]
 Counting = Annotated[int, Meta(ge=0, le=2**53)]
-What = Literal["arm", "disarm", "home", "clear", "stop", "quit", "restart_robot", "section", "speed"]
+What = Literal["arm", "disarm", "home", "clear", "stop", "quit", "restart_robot", "section", "speed", "lock", "unlock"]
 
 _log = logging.getLogger(__name__)
 

@@ -69,6 +69,13 @@ class TensionLimits(TypedDict):
     max: float
 
 
+class LockState(TypedDict):
+    """`status`: none, continuum, locking, rigid or unlocking; `words`: what that means, or what is refused and why."""
+
+    status: str
+    words: str
+
+
 class EventLine(TypedDict):
     """`ago` in seconds; `level` is info, warning or alarm."""
 
@@ -97,6 +104,9 @@ class Snapshot(TypedDict):
     bends: list[Bend]
     twist_deg: Number
     feed_mm: Number
+    length_mm: Number
+    """Of the section that can change its length: the chosen one, else the first; None where none can."""
+    lock: LockState
     tip_mm: list[Number]
     tensions: list[Number]
     """In the order of `Welcome.tendons` [N]."""
@@ -117,6 +127,7 @@ class Limits(TypedDict):
 
     twist_deg: tuple[float, float] | None
     feed_mm: tuple[float, float] | None
+    length_mm: tuple[float, float] | None
 
 
 class Welcome(TypedDict):

@@ -203,8 +203,8 @@ class Pilot:
         if self._driver in ("", key):
             self._selection = mapped.selection
         at_rest = centred(controls, self._profile)
-        if "arm" in mapped.actions and not self._driver and not mapped.held and at_rest:
-            self._actions.append("arm")
+        if not self._driver and not mapped.held and at_rest:
+            self._actions += mapped.actions
         self._step(key, source, mapped.held, at_rest, now)
 
     def _step(self, key: str, source: _Source, held: bool, at_rest: bool, now: float) -> None:

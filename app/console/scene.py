@@ -14,7 +14,7 @@ from app.console.body import Body, Pose
 from app.console.meshes import Floats, lathe, single
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
-from cobra.messages import RobotState
+from cobra.messages import Rigidity, RobotState
 
 MESSAGES_PER_FRAME = 8
 TRAIL_S = 20.0
@@ -51,6 +51,7 @@ class Scene:
         self._commanded: tuple[float, ...] = ()
         self._trail: deque[tuple[float, Floats]] = deque(maxlen=TRAIL_POINTS)
         self._live: bool | None = None
+        self._rigidity: Rigidity = "none"
 
     def start(self) -> None:
         """Build everything, at the rest configuration and grey: nothing is known yet."""
@@ -90,6 +91,7 @@ class Scene:
             if not known:
                 self._trail.clear()
             self._set_live(known, "not homed: the shape is not known")
+            self._show_rigidity(state.lock.status)
             if known and self._frame % SLOW_EVERY == 0:
                 self._color_tendons(tensions)
             if self._frame % SLOW_EVERY == 1:
@@ -163,9 +165,20 @@ class Scene:
             self._color_tendons(np.full(len(self._description.tendon_names), np.nan))
         self._frame = 0
 
+    def _show_rigidity(self, status: Rigidity) -> None:
+        """The guiders of a rigid robot have a colour of their own, and a label says what it is when it is not free."""
+        if status == self._rigidity:
+            return
+        self._rigidity = status
+        self._rigid_label.text = status
+        self._rigid_label.visible = status not in ("none", "continuum")
+        self._vertebrae.batched_colors = self._vertebra_colors(bool(self._live))
+
     def _vertebra_colors(self, live: bool) -> appearance.Colors:
         colors = np.tile(appearance.VERTEBRA if live else appearance.STALE, (len(self.body.vertebra_sizes), 1))
         if live:
+            if self._rigidity == "rigid":
+                colors[:] = appearance.RIGID
             colors[-self.body.sections :] = appearance.COLLAR
             colors[-1] = appearance.HEAD
         return appearance.linear(colors)
@@ -246,6 +259,14 @@ class Scene:
             thickness=0.22 * self.body.radius_m,
         )
         _, look_at = first_camera(self._description)
+        self._rigid_label = scene.add_label(
+            "/rigidity",
+            "",
+            position=np.array([2.5 * self.body.radius_m, 0.0, 0.12 * self._description.active_length_m]),
+            font_screen_scale=1.2,
+            anchor="center-left",
+            visible=False,
+        )
         self._notice = scene.add_label(
             "/notice",
             "",

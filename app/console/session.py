@@ -14,7 +14,7 @@ from app.console.driver import Driver
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import pad_map
 from app.console.page_socket import Asker, What
-from app.console.page_state import Answer, Bend, DriveState, EventLine, Pad, Snapshot, Welcome
+from app.console.page_state import Answer, Bend, DriveState, EventLine, LockState, Pad, Snapshot, Welcome
 from app.console.pilot import Pilot
 from app.console.robot_connection import RobotConnection
 from cobra.clock import Clock
@@ -72,6 +72,7 @@ class ConsoleSession:
             limits={
                 "twist_deg": d.twist.range_deg if d.twist else None,
                 "feed_mm": (d.feed.range_m[0] * 1e3, d.feed.range_m[1] * 1e3) if d.feed else None,
+                "length_mm": self._length_range(),
             },
             speed_levels=list(d.teleop.speed_levels),
             tendons=list(d.tendon_names),
@@ -108,7 +109,7 @@ class ConsoleSession:
             "events": self._events(state),
             "console_rate": self._robot.rate(),
         }
-        return cast(Snapshot, facts | self._shape(state) | self._drives(state.drives if state else None))
+        return cast(Snapshot, facts | self._shape(state, pilot.selection.section) | self._drives(state.drives if state else None))
 
     def controls(self, page: str, sequence: int, controls: Controls) -> None:
         self._pilot.update(page, controls)
@@ -157,7 +158,7 @@ class ConsoleSession:
             },
         )
 
-    def _shape(self, state: RobotState | None) -> dict[str, Any]:
+    def _shape(self, state: RobotState | None, section: int) -> dict[str, Any]:
         """Bends, twist, feed and tip from the measured configuration."""
         q = np.array(state.measured if state else self._layout.rest())
         sections = zip(self._description.sections, self._layout.bends, strict=True)
@@ -175,8 +176,21 @@ class ConsoleSession:
             "bends": bends,
             "twist_deg": _number(math.degrees(q[TWIST])),
             "feed_mm": _number(q[FEED] * 1e3),
+            "length_mm": None if (index := self._length_index(section)) is None else _number(q[index] * 1e3),
+            "lock": LockState(status=state.lock.status, words=state.lock.words)
+            if state
+            else LockState(status="none", words=""),
             "tip_mm": [_number(x) for x in tip],
         }
+
+    def _length_index(self, section: int) -> int | None:
+        """Where the length stands in q that the page shows: of the chosen section, else of the first that has one."""
+        chosen = self._layout.lengths[section]
+        return chosen if chosen is not None else next((i for i in self._layout.lengths if i is not None), None)
+
+    def _length_range(self) -> tuple[float, float] | None:
+        part = next((section.elongation for section in self._description.sections if section.elongation), None)
+        return (part.range_m[0] * 1e3, part.range_m[1] * 1e3) if part else None
 
     def _drives(self, drives: Drives | None) -> dict[str, Any]:
         d = self._description

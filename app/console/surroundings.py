@@ -56,7 +56,8 @@ def add_surroundings(server: viser.ViserServer, description: RobotDescription) -
     appearance.light(server)
     _add_floor(server, description, up)
     _add_port(server, description)
-    _add_passive_body(server, description, up)
+    if description.backbone.total_length_m > description.active_length_m:
+        _add_passive_body(server, description, up)
 
 
 def _add_floor(server: viser.ViserServer, description: RobotDescription, up: Floats) -> None:

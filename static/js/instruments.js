@@ -85,7 +85,7 @@ export class Instruments {
   }
 }
 
-function showBar(id, value, range, text) {
+export function showBar(id, value, range, text) {
   const bar = byId(id);
   const missing = !range;
   bar.classList.toggle("missing", missing);

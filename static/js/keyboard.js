@@ -1,6 +1,6 @@
 // The keyboard: hold the space bar to drive, Escape stops. Keys typed into the panels of the 3D view do not drive.
 
-export const KEY_MAP = [
+const KEY_MAP = [
   ["Space (hold)", "drive while it is held; letting go stops"],
   ["W A S D", "bend the chosen section; W is up in the tip view"],
   ["Arrow keys", "bend the tip section"],
@@ -11,6 +11,16 @@ export const KEY_MAP = [
   ["Esc", "STOP, at any time"],
   ["Tab, Enter", "go to a button of the page, press it"],
 ];
+
+/** What every key does on this robot. */
+export function keyMap({ limits, sections }) {
+  const length = limits.length_mm && !limits.feed_mm;
+  return KEY_MAP.filter(([keys]) => {
+    if (keys === "Q  E") return limits.twist_deg;
+    if (keys === "R  F") return limits.feed_mm || length;
+    return keys !== "Arrow keys" && keys !== "1 2 3 …" || sections.length > 1;
+  }).map(([keys, does]) => [keys, keys === "R  F" && length ? "lengthen, shorten the section" : does]);
+}
 
 const DRIVE_KEYS = new Set([
   "Space", "KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "KeyR", "KeyF",

@@ -3,8 +3,9 @@
 import { Driving } from "./driving.js";
 import { byId, figure, make, setList, setText } from "./format.js";
 import { Instruments } from "./instruments.js";
-import { KEY_MAP, listenToKeys } from "./keyboard.js";
+import { keyMap, listenToKeys } from "./keyboard.js";
 import { Link } from "./link.js";
+import { Lock } from "./lock.js";
 import { PadPicture } from "./pad.js";
 import { Tables, tabs } from "./tables.js";
 import { holdButton, stick } from "./touch.js";
@@ -15,6 +16,7 @@ const ANSWER_MS = 8000;
 const instruments = new Instruments();
 const pad = new PadPicture();
 const tables = new Tables();
+const lock = new Lock((what) => ask(what));
 
 let facts = null;
 let state = null;
@@ -27,6 +29,7 @@ const link = new Link({
     facts = message;
     showFacts();
     instruments.welcome(message);
+    lock.welcome(message);
   },
   snapshot(message) {
     state = message;
@@ -165,6 +168,7 @@ function showFacts() {
   byId("sections").replaceChildren(...choice("section", facts.sections));
   byId("speeds").replaceChildren(...choice("speed", facts.speed_levels.map((level) => `${figure(100 * level)} %`)));
   byId("pad-map").replaceChildren(...mapRows(facts.pad_map));
+  byId("key-map").replaceChildren(...mapRows(keyMap(facts)));
 }
 
 function mapRows(rows) {
@@ -187,6 +191,7 @@ function draw() {
   }
   setText(byId("stick-left-name"), facts.sections[state.section] ?? "section");
   instruments.snapshot(state);
+  lock.snapshot(state, phase);
   tables.snapshot(state);
   pad.show(state.pad, driving.reading(), state.hints?.pad);
 }
@@ -228,4 +233,3 @@ function showButtons(phase) {
 }
 
 tabs();
-byId("key-map").replaceChildren(...mapRows(KEY_MAP));

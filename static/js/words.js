@@ -54,5 +54,5 @@ export function reasonsTitle(phase, reasons) {
 
 export const REQUESTS = {
   arm: "Arm", disarm: "Disarm", home: "Home", clear: "Clear", stop: "STOP", quit: "Quit",
-  restart_robot: "Restart", section: "Section", speed: "Speed",
+  lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
 };

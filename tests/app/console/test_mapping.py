@@ -248,3 +248,9 @@ def test_each_robots_map_tells_of_what_it_has_and_of_nothing_else():
     assert "twist" in borescope
     assert "Left stick" not in borescope
     assert pad_map(COBRA) == PAD_MAP
+
+
+@pytest.mark.parametrize(("description", "asked"), [(SRC_BOT, ("lock",)), (COBRA, ())])
+def test_only_a_robot_that_can_lock_has_a_button_for_it(description, asked):
+    pressed = Controls(buttons=frozenset({"x"}))
+    assert map_controls(pressed, REST, BASE, LINEAR, description).actions == asked

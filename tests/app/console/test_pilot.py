@@ -38,9 +38,9 @@ class Hand:
 class Desk:
     """The pilot with one pad and a robot that follows: `driving` while it is told to, else `ready`."""
 
-    def __init__(self):
+    def __init__(self, description=COBRA):
         self.clock = ManualClock()
-        self.pilot = Pilot(COBRA, self.clock)
+        self.pilot = Pilot(description, self.clock)
         self.pad = Hand(self.clock)
         self.pages = {}
         self.robot = "ready"
@@ -492,3 +492,14 @@ def test_many_threads_at_once_never_break_it(desk):
     streamer.join()
     assert failures == []
     assert desk.pilot.command(desk.clock.now()).source in ("", "pad")
+
+
+def test_a_button_that_locks_acts_like_start_only_while_nobody_drives():
+    desk = Desk(load_description("src-bot"))
+    desk.holds(REST)
+    desk.holds(HELD)
+    desk.holds(msgspec.structs.replace(HELD, buttons=HELD.buttons | {"x"}))
+    assert desk.pilot.take_actions() == ()
+    desk.holds(REST)
+    desk.holds(Controls(buttons=frozenset({"x"})))
+    assert desk.pilot.take_actions() == ("lock",)
