@@ -58,7 +58,8 @@ class Body:
         self.tube_radius_m = min([self.radius_m, *(radius - 0.5 * self.tendon_width_m for radius in routed)])
         self.sections = len(description.sections)
         self._rings = np.linspace(0.0, self.sections, self.sections * RINGS_PER_SECTION + 1)
-        self._head_length_m = min(HEAD_LENGTH * self.radius_m, 0.5 * description.sections[-1].length_m)
+        last = description.sections[-1]
+        self._head_length_m = min(HEAD_LENGTH * self.radius_m, 0.5 * last.length_m, last.length_m / last.vertebrae)
         self._vertebrae = self._vertebra_places()
         # A full-width sleeve behind the active segment, a doubled ring for its crisp edge, and a rounded cap at the tip.
         rounding = np.linspace(0.0, np.pi / 2.0, CAP_RINGS)

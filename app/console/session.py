@@ -109,7 +109,10 @@ class ConsoleSession:
             "events": self._events(state),
             "console_rate": self._robot.rate(),
         }
-        return cast(Snapshot, facts | self._shape(state, pilot.selection.section) | self._drives(state.drives if state else None))
+        return cast(
+            Snapshot,
+            facts | self._shape(state, pilot.selection.section) | self._drives(state.drives if state else None),
+        )
 
     def controls(self, page: str, sequence: int, controls: Controls) -> None:
         self._pilot.update(page, controls)
