@@ -13,6 +13,7 @@ import numpy as np
 from cobra.clock import Clock
 from cobra.description import Motor, RobotDescription
 from cobra.motors.rmd import DIALECTS
+from cobra.simulation.load_cells import amplifiers
 from cobra.simulation.lost_motion import LostMotion
 from cobra.simulation.node import Frame, Node
 from cobra.simulation.plant import Floats, Plant, Truth
@@ -74,15 +75,18 @@ class World:
         self._lost_motion = LostMotion(true, np.random.default_rng([seed, 0x5B001]))
         self._travel = self._start_travel
         self._load: Floats = np.zeros(len(motors))
+        self.amplifiers = amplifiers(description, lambda: self._load, clock, np.random.default_rng([seed, 0xCE115]))
+        """Of the load cells, by bus and name."""
         self._time_s = clock.now()
         self._stepping_lock = threading.Lock()
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
 
     def nodes_on(self, bus_name: str) -> dict[str, Node]:
-        """The drives of a bus, by name."""
+        """The drives and load cells of a bus, by name."""
         drives = zip(self.description.drives, self.drives, strict=True)
-        return {drive.name: node for drive, node in drives if drive.bus == bus_name}
+        own: dict[str, Node] = {drive.name: node for drive, node in drives if drive.bus == bus_name}
+        return own | {name: node for (bus, name), node in self.amplifiers.items() if bus == bus_name}
 
     def start(self, say: Callable[[str, str, list[Frame]], None]) -> None:
         """Let time pass. `say(bus name, drive name, frames)` is called with what drives send unasked."""
@@ -134,6 +138,8 @@ class World:
                 self._time_s += CHUNK_S
             for drive, node in zip(self.description.drives, self.drives, strict=True):
                 self._say(drive.bus, drive.name, node.unasked())
+            for (bus, name), amplifier in self.amplifiers.items():
+                self._say(bus, name, amplifier.unasked())
 
     def _step(self) -> None:
         torque = self._load * self._reaction * self._lost_motion.lever(self.servos.angle)
