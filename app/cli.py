@@ -7,7 +7,7 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, robot, router, simulate, users
+from app.commands import check, robot, router, simulate, users, watch
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -35,6 +35,7 @@ COMMANDS = {
         simulate.COMMAND,
         check.COMMAND,
         *users.COMMANDS,
+        watch.COMMAND,
         router.SERVE,
         router.ACCOUNT,
     )

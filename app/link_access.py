@@ -72,6 +72,12 @@ def open_session(
         raise LinkError(f"cannot open the link on {places}: {reason}{hint}") from None
 
 
+def on_loopback(endpoint: str) -> bool:
+    """Whether an endpoint, such as tcp/127.0.0.1:7447, is reached from this machine only."""
+    address = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    return address in ("127.0.0.1", "localhost", "::1")
+
+
 def read_account(path: Path) -> tuple[str, str]:
     """Name and password from an account's file.
 

@@ -13,6 +13,7 @@ import msgspec
 
 from app import places, runtime
 from app.link import RobotLink
+from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
 from cobra.control.poses import PoseBook
@@ -38,6 +39,8 @@ def run_robot(
     *,
     endpoint: str | None = None,
     simulation: Simulation = AS_DESCRIBED,
+    router: str | None = None,
+    access: LinkAccess = DIRECT,
     can_log: Path | None = None,
     orphaned_s: float = ORPHANED_S,
     leave_when_orphaned: bool = False,
@@ -48,6 +51,8 @@ def run_robot(
         robot: name of a preset or path of a description.
         endpoint: where the link listens; a free loopback port by default.
         simulation: of the drives that are simulated, and of what they move.
+        router: where a router is, through which consoles elsewhere reach this robot.
+        access: account and certificates for the router.
         can_log: file that gets every CAN frame.
         orphaned_s: after this long without a console the description's final action is taken.
         leave_when_orphaned: also exit then; else wait for the next console, disarmed.
@@ -57,6 +62,11 @@ def run_robot(
     """
     description = _simulated(robot, simulation)
     ask_for_realtime(OTHERS_PRIORITY)
+    if endpoint and not on_loopback(endpoint):
+        raise LinkError(
+            f"{endpoint} is open to the network, and whoever reaches it could drive: listen on loopback, and let the "
+            "robot connect to a router with --router, which asks for accounts"
+        )
     endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
     clock = SystemClock()
     done = threading.Event()
@@ -64,7 +74,7 @@ def run_robot(
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
         world = _world(description)
-        link = RobotLink(description.name, endpoint, _meta(robot, world))
+        link = RobotLink(description.name, endpoint, _meta(robot, world), router, access)
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard, poses)
         poses.complain = loop.warn

@@ -65,6 +65,12 @@ def find(role: str, robot: str) -> Running | None:
     return entry if alive else None
 
 
+def find_all(role: str) -> list[Running]:
+    """All processes of this user that have this role now, by the robot's name."""
+    names = sorted(path.stem.removeprefix(f"{role}-") for path in folder().glob(f"{role}-*.json"))
+    return [running for name in names if (running := find(role, name))]
+
+
 def port_holder(port: int) -> str | None:
     """Who listens on a local TCP port, in words; None when it is free."""
     try:

@@ -1,5 +1,6 @@
 """`cobra-teleop robot`: the robot process alone."""
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -14,18 +15,30 @@ def robot_process(
         str | None, tyro.conf.arg(metavar="ENDPOINT", help="Where the link listens; a free loopback port by default.")
     ] = None,
     simulated: Simulated = AS_DESCRIBED,
+    router: Annotated[
+        str | None, tyro.conf.arg(metavar="ENDPOINT", help="A router through which consoles elsewhere reach it.")
+    ] = None,
+    account: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help="Account for the router, from `cobra-teleop router account`.")
+    ] = None,
+    ca: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help="Certificate of the authority of a tls/ router (PEM).")
+    ] = None,
     can_log: CanLog = None,
     orphaned_after: Annotated[
         float, tyro.conf.arg(metavar="SECONDS", help="Without a console for this long, take the final action.")
     ] = 60.0,
     leave_when_orphaned: Annotated[bool, tyro.conf.arg(help="Exit after the final action.")] = False,
 ) -> int:
+    from app.link_access import LinkAccess
     from app.robot_process import run_robot
 
     return run_robot(
         robot,
         endpoint=listen,
         simulation=simulated.simulation(),
+        router=router,
+        access=LinkAccess(account=account, ca=ca),
         can_log=can_log,
         orphaned_s=orphaned_after,
         leave_when_orphaned=leave_when_orphaned,
@@ -37,5 +50,6 @@ COMMAND = Command(
     "the robot process alone, beside the hardware",
     robot_process,
     "  cobra-teleop robot --robot cobra\n"
-    "  cobra-teleop robot --robot my-robot.toml --listen tcp/127.0.0.1:7447 --can-log frames.log",
+    "  cobra-teleop robot --robot my-robot.toml --listen tcp/127.0.0.1:7447 --can-log frames.log\n"
+    "  cobra-teleop robot --router tls/router:7447 --account cobra.account --ca ca.pem",
 )

@@ -24,10 +24,10 @@ def serve(
     tls_key: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="Its private key (PEM).")] = None,
     insecure: Annotated[bool, tyro.conf.arg(help="Allow endpoints beyond loopback without TLS.")] = False,
 ) -> int:
-    from app.link_access import LinkError
+    from app.link_access import LinkError, on_loopback
     from app.router import run_router
 
-    plain = [place for place in listen if not place.startswith("tls/") and not _on_loopback(place)]
+    plain = [place for place in listen if not place.startswith("tls/") and not on_loopback(place)]
     if plain and not insecure:
         raise LinkError(f"{', '.join(plain)} is open to the network without TLS: use tls/… or say --insecure")
     return run_router(listen, accounts, tls_cert, tls_key)
@@ -55,11 +55,6 @@ def account(
     add_account(accounts, name, role, target)
     print(f"{name} may connect as {role}. Give {target} to its owner, and to nobody else.")
     return 0
-
-
-def _on_loopback(endpoint: str) -> bool:
-    address = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
-    return address in ("127.0.0.1", "localhost", "::1")
 
 
 SERVE = Command(

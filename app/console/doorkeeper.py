@@ -55,8 +55,8 @@ class Cookie:
 
 
 def view_path(visitor: Visitor) -> str:
-    """Where this visitor's 3D view is found without a cookie, under another name of the same machine."""
-    return f"{VIEW}/{TICKET_MARK}{visitor.ticket}/"
+    """Where this visitor's 3D view is found without a cookie, under another name of the same machine; beside the page."""
+    return f"{VIEW[1:]}/{TICKET_MARK}{visitor.ticket}/"
 
 
 class Doorkeeper:
@@ -113,10 +113,10 @@ class Doorkeeper:
         return None
 
     def _visitor(self, scope: Scope) -> Visitor | None:
-        path: str = scope["path"]
-        if path.startswith(f"{VIEW}/{TICKET_MARK}"):
-            ticket, _, rest = path.removeprefix(f"{VIEW}/{TICKET_MARK}").partition("/")
-            scope["path"] = f"{VIEW}/{rest}"
+        place, ticketed, after = scope["path"].partition(f"{VIEW}/{TICKET_MARK}")
+        if ticketed:
+            ticket, _, rest = after.partition("/")
+            scope["path"] = f"{place}{VIEW}/{rest}"
             scope["raw_path"] = scope["path"].encode()
             return self._sessions.find_ticket(ticket)
         return self._sessions.find(self._shown_cookie(scope))

@@ -52,6 +52,14 @@ def viewer_routes(proxy: ViewerProxy) -> tuple[BaseRoute, ...]:
     )
 
 
+async def stop_by_post(request: Request, pages: PageSocket) -> Response:
+    """STOP's second way: a page takes both at once, in case its websocket is dead without knowing it."""
+    page, press = (request.query_params.get(name, "") for name in ("page", "press"))
+    who = f"page {page}" if _COUNTING.fullmatch(page) else "a page"
+    number = int(press) if _COUNTING.fullmatch(press) else None
+    return JSONResponse(await pages.stop(Asker(who, request.scope[VISITOR]), number))
+
+
 class FrontDoor(WebServer):
     """The console's web server.
 
@@ -107,8 +115,4 @@ class FrontDoor(WebServer):
         )
 
     async def _stop_by_post(self, request: Request) -> Response:
-        """STOP's second way: a page takes both at once, in case its websocket is dead without knowing it."""
-        page, press = (request.query_params.get(name, "") for name in ("page", "press"))
-        who = f"page {page}" if _COUNTING.fullmatch(page) else "a page"
-        number = int(press) if _COUNTING.fullmatch(press) else None
-        return JSONResponse(await self._pages.stop(Asker(who, request.scope[VISITOR]), number))
+        return await stop_by_post(request, self._pages)

@@ -10,13 +10,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.console.driver import Driver
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import pad_map
 from app.console.page_socket import Asker, What
 from app.console.page_state import Answer, Bend, DriveState, EventLine, LockState, Pad, Snapshot, Welcome
 from app.console.pilot import Pilot
-from app.console.robot_connection import RobotConnection
+from app.console.seen import Seat, SeenRobot
 from cobra.clock import Clock
 from cobra.description import RobotDescription
 from cobra.kinematics.backbone import Backbone
@@ -35,9 +34,9 @@ class ConsoleSession:
         self,
         *,
         description: RobotDescription,
-        robot: RobotConnection,
+        robot: SeenRobot,
         pilot: Pilot,
-        driver: Driver,
+        driver: Seat,
         pad: InputSource | None,
         versions: dict[str, str],
         quit_console: Callable[[], None],

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.people.roles import Role
+from app.people.roles import Role, at_least
 from app.people.users import User, Users, UsersError
 
 IDLE_S = 12 * 3600.0
@@ -41,13 +41,17 @@ class Sessions:
     that is for loopback, where a first try should open straight into driving.
     """
 
-    def __init__(self, users: Users | None, host: str, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, users: Users | None, host: str, now: Callable[[], float] = time.monotonic, most: Role = "admin"
+    ) -> None:
+        """`most`: nobody may do more than this role here."""
+        self._most = most
         self._users = users
         self._now = now
         self._lock = threading.Lock()
         self._sessions: dict[str, _Session] = {}
         self._tickets: dict[str, str] = {}
-        self._host = Visitor(host, "admin", secrets.token_urlsafe(32), secrets.token_urlsafe(16))
+        self._host = Visitor(host, most, secrets.token_urlsafe(32), secrets.token_urlsafe(16))
         self._open = users is None or not users.all()
 
     @property
@@ -60,7 +64,7 @@ class Sessions:
         user = self._users.check(name, token) if self._users else None
         if user is None:
             return None
-        visitor = Visitor(user.name, user.role, secrets.token_urlsafe(32), secrets.token_urlsafe(16))
+        visitor = Visitor(user.name, self._role(user), secrets.token_urlsafe(32), secrets.token_urlsafe(16))
         with self._lock:
             own = [key for key, session in self._sessions.items() if session.visitor.name == user.name]
             for key in sorted(own, key=lambda key: self._sessions[key].seen_s)[: max(0, len(own) + 1 - MAX_SESSIONS)]:
@@ -89,7 +93,8 @@ class Sessions:
             known.seen_s = self._now()
             visitor = known.visitor
         assert user is not None
-        return visitor if user.role == visitor.role else Visitor(user.name, user.role, session, visitor.ticket)
+        role = self._role(user)
+        return visitor if role == visitor.role else Visitor(user.name, role, session, visitor.ticket)
 
     def find_ticket(self, ticket: str) -> Visitor | None:
         """Whose view ticket this is."""
@@ -101,6 +106,9 @@ class Sessions:
         with self._lock:
             if session in self._sessions:
                 self._forget(session)
+
+    def _role(self, user: User) -> Role:
+        return self._most if at_least(user.role, self._most) else user.role
 
     def _user(self, session: str) -> User | None:
         known = self._sessions.get(session)

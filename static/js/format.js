@@ -1,5 +1,8 @@
 // Numbers and words for people: fixed widths, true minus signs, a dash for what is not known.
 
+/** The folder this page lies in, to which its sockets and view belong: a console that watches has one page a robot. */
+export const PLACE = location.pathname.replace(/[^/]*$/, "");
+
 export const DASH = "–";
 const FIGURE_SPACE = "\u2007";
 

@@ -1,5 +1,7 @@
 // The websocket to the console: snapshots in, controls and requests out. Reconnects by itself; never drives by itself.
 
+import { PLACE } from "./format.js";
+
 const STALE_MS = 600; // No snapshot for this long: what is on the screen is not the robot's state any more.
 const PING_MS = 1000;
 const STALLED_BYTES = 2048; // More than this unsent: the line is stuck, and old controls must not pile up behind it.
@@ -44,7 +46,7 @@ export class Link {
 
   #open() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    const socket = new WebSocket(`${scheme}://${location.host}${PLACE}ws`);
     this.socket = socket;
     this.sequence = 0;
     socket.onmessage = (event) => {

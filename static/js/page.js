@@ -1,7 +1,7 @@
 // The operator's page: joins the link to the console with the controls and the instruments.
 
 import { Driving } from "./driving.js";
-import { byId, figure, make, setList, setText } from "./format.js";
+import { byId, figure, make, PLACE, setList, setText } from "./format.js";
 import { Instruments } from "./instruments.js";
 import { keyMap, listenToKeys } from "./keyboard.js";
 import { Link } from "./link.js";
@@ -70,7 +70,7 @@ async function ask(what, value = null) {
 /** STOP goes two ways at once, in case one of them is dead without knowing it. */
 function stop() {
   ask("stop");
-  const way = `/stop?page=${link.page.replace(/\D/g, "")}&press=${link.requestId}`;
+  const way = `${PLACE}stop?page=${link.page.replace(/\D/g, "")}&press=${link.requestId}`;
   fetch(way, { method: "POST", keepalive: true }).catch(() => {
     if (!link.connected) showAnswer("STOP did not reach the console. The robot holds when its driver is lost.");
   });

@@ -1,7 +1,7 @@
 // The 3D view's frame. It comes from loopback's other name, and so runs in a process of its own: software rendering
 // was measured to hold up a shared one for seconds, which would end every drive and delay every letting go.
 
-import { byId } from "./format.js";
+import { byId, PLACE } from "./format.js";
 
 const OTHER_NAME = { "127.0.0.1": "localhost", localhost: "127.0.0.1" };
 const ANSWER_MS = 2000;
@@ -14,7 +14,7 @@ export function showView(ticketPath, on) {
   const frame = byId("viewer");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
   const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
-  const path = `/viewer/${query}`;
+  const path = `viewer/${query}`;
   const other = OTHER_NAME[location.hostname];
   let here = false;
 
@@ -36,7 +36,7 @@ export function showView(ticketPath, on) {
     frame.addEventListener("load", fallBack, { once: true });
   }
   keepTheMouse(frame);
-  frame.src = other ? `${location.protocol}//${other}:${location.port}${ticketPath}${query}` : path;
+  frame.src = other ? `${location.protocol}//${other}:${location.port}${PLACE}${ticketPath}${query}` : path;
 }
 
 /**

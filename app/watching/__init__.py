@@ -1,0 +1,1 @@
+"""Read-only consoles: one page a robot, and a wall of them all."""

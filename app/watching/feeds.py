@@ -1,0 +1,157 @@
+"""What comes in from the robots that are watched: one Zenoh session for each endpoint, one record for each robot.
+
+Only the newest state of a robot is kept, as the bytes it came in, and is decoded when somebody looks: a wall of a
+hundred robots at 50 Hz costs what its eyes take, not what the robots send.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from app.link_access import LinkAccess, LinkError, open_session
+from cobra.messages import Event, Meta, Reply, RobotState, Stop, decode, encode
+
+META_TIMEOUT_S = 2.0
+RETRY_S = 2.0
+RATE_WINDOW = 50
+
+
+class WatchedRobot:
+    """A robot as it is seen from here. Safe from any thread."""
+
+    def __init__(self, name: str, feed: "Feed") -> None:
+        self.name = name
+        self.present = False
+        """Whether the robot process is there."""
+        self.events: deque[Event] = deque(maxlen=200)
+        self.malformed = 0
+        self.received = 0
+        self._feed = feed
+        self._newest: tuple[int, float, bytes] | None = None
+        self._decoded: tuple[int, RobotState | None] = (-1, None)
+        self._arrivals: deque[tuple[int, float]] = deque(maxlen=RATE_WINDOW)
+
+    def take_state(self, data: bytes) -> None:
+        """Put the newest state aside."""
+        self.received += 1
+        self._newest = (self.received, time.monotonic(), data)
+
+    def take_event(self, data: bytes) -> None:
+        try:
+            self.events.append(decode(data, Event))
+        except msgspec.MsgspecError:
+            self.malformed += 1
+
+    def latest(self) -> RobotState | None:
+        """The newest state that could be decoded."""
+        newest, (count, state) = self._newest, self._decoded
+        if newest is None or newest[0] == count:
+            return state
+        try:
+            state = decode(newest[2], RobotState)
+        except msgspec.MsgspecError:
+            self.malformed += 1
+        self._decoded = (newest[0], state)
+        return state
+
+    def age(self) -> float:
+        """Seconds since the newest state arrived; inf before the first."""
+        return time.monotonic() - self._newest[1] if self._newest else float("inf")
+
+    def rate(self) -> float:
+        """States that reached us lately [Hz]; call it regularly."""
+        self._arrivals.append((self.received, time.monotonic()))
+        (n0, t0), (n1, t1) = self._arrivals[0], self._arrivals[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+    def stop(self, who: str, reason: str) -> None:
+        """STOP it: the one thing that who watches may send."""
+        self._feed.put(f"cobra/{self.name}/stop", encode(Stop(who=who, reason=reason)))
+
+    def meta(self) -> Meta:
+        """What the robot says of itself.
+
+        Raises:
+            LinkError: it does not answer.
+        """
+        return self._feed.meta(self.name)
+
+    def restart(self) -> Reply:
+        """Refused: only the console beside the robot process can."""
+        return Reply(ok=False, reasons=("this console only watches: restart it where it runs",))
+
+
+class Feed:
+    """One endpoint, a robot's own or a router's; all robots that are heard there are put into `robots`.
+
+    It goes on trying while nobody listens there; `trouble` says so in words.
+    """
+
+    def __init__(self, endpoint: str, robots: dict[str, WatchedRobot], access: LinkAccess) -> None:
+        self.endpoint = endpoint
+        self.trouble = "not connected yet"
+        self._robots = robots
+        self._access = access
+        self._session: zenoh.Session | None = None
+        self._quit = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"feed of {endpoint}", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._quit.set()
+        self._thread.join()
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()  # type: ignore[no-untyped-call]
+
+    def put(self, key: str, data: bytes) -> None:
+        if self._session is not None:
+            self._session.put(key, data, priority=zenoh.Priority.REAL_TIME, express=True)
+
+    def meta(self, robot: str) -> Meta:
+        """Ask a robot what it is.
+
+        Raises:
+            LinkError: it does not answer, or in a way that cannot be read.
+        """
+        replies = self._session.get(f"cobra/{robot}/meta", timeout=META_TIMEOUT_S) if self._session else ()
+        for reply in replies:
+            if reply.ok is not None:
+                try:
+                    return decode(reply.ok.payload.to_bytes(), Meta)
+                except msgspec.MsgspecError:
+                    break
+        raise LinkError(f"robot {robot!r} does not answer on {self.endpoint}")
+
+    def _run(self) -> None:
+        while not self._quit.is_set():
+            try:
+                session = open_session("client", connect=(self.endpoint,), access=self._access)
+            except LinkError as error:
+                self.trouble = str(error)
+                self._quit.wait(RETRY_S)
+                continue
+            self._subscribers = [
+                session.declare_subscriber("cobra/*/state", self._hear(WatchedRobot.take_state)),
+                session.declare_subscriber("cobra/*/event", self._hear(WatchedRobot.take_event)),
+                session.liveliness().declare_subscriber("cobra/*/alive", self._take_alive, history=True),
+            ]
+            self._session, self.trouble = session, ""
+            return  # from here on Zenoh reconnects by itself
+
+    def _hear(self, take: Callable[[WatchedRobot, bytes], None]) -> Callable[[zenoh.Sample], None]:
+        return lambda sample: take(self._robot(str(sample.key_expr)), sample.payload.to_bytes())
+
+    def _take_alive(self, sample: zenoh.Sample) -> None:
+        self._robot(str(sample.key_expr)).present = sample.kind == zenoh.SampleKind.PUT
+
+    def _robot(self, key: str) -> WatchedRobot:
+        name = key.split("/")[1]
+        # Threads of several sessions come here; setdefault lets one of them win.
+        return self._robots.get(name) or self._robots.setdefault(name, WatchedRobot(name, self))
