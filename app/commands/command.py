@@ -23,7 +23,8 @@ class SimulationArguments:
     twin: Annotated[
         TwinKind,
         tyro.conf.arg(
-            help="Physics behind simulated drives: with stretch, friction and gravity, ideal (stiff, no gravity), or none."
+            help="Physics behind simulated drives: with stretch, friction and gravity, ideal (stiff, no gravity), the paper's "
+            "equations of motion (dynamics; for src-bot), or none."
         ),
     ] = "default"
     losses: Annotated[

@@ -157,6 +157,11 @@ class Chain:
         return self._rope[layout.TENSION].copy()
 
     @property
+    def cable_lengths_m(self) -> Floats:
+        """(cables,) L_d."""
+        return cable_lengths(self.parameters, self.q)
+
+    @property
     def locked(self) -> Bools:
         """(n,) chambers whose bend and twist the slots hold; all of them: the rigid status."""
         return self._state[:, layout.LOCKED] > 0.0

@@ -99,7 +99,8 @@ class SimulatedBus(can.BusABC):
         """Join the channel, and make its world if there is none yet.
 
         Args:
-            twin: "default", "ideal" or "none", or a plant of one's own.
+            twin: "default", "ideal", "dynamics" (the equations of motion instead of MuJoCo, for robots that have them) or
+                "none", or a plant of one's own.
             losses: of the default twin: "seeded" draws stiffness, friction, lost motion and routing within ±30 % of the
                 description's by `seed`, "nominal" takes the description's, "off" has no friction and no lost motion.
             world, world_scale, world_pose, payload_kg, gravity_m_s2: as in `Simulation`. A world that cannot be used
@@ -244,6 +245,10 @@ def _make_world(
 def _make_plant(true: RobotDescription, simulation: Simulation, notes: list[str]) -> Plant | None:
     if simulation.twin == "none":
         return None
+    if simulation.twin == "dynamics":
+        from cobra.simulation.chain_plant import ChainPlant  # noqa: PLC0415
+
+        return ChainPlant(true)
     # Only who has a twin waits for the physics to be imported.
     from cobra.simulation.environments import WallsError, environment  # noqa: PLC0415
     from cobra.simulation.twin import build_twin  # noqa: PLC0415

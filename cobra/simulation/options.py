@@ -7,9 +7,10 @@ from msgspec.structs import replace
 
 from cobra.description import RobotDescription
 from cobra.errors import OperatorError
+from cobra.mechanics.described import parameters_of
 from cobra.simulation.losses import Losses, with_losses
 
-TwinKind = Literal["default", "ideal", "none"]
+TwinKind = Literal["default", "ideal", "dynamics", "none"]
 ENVIRONMENTS: Final = ("free", "straight-pipe", "bent-pipe", "engine-stage")
 """Worlds that are made to a robot's measure."""
 MESH_ENDINGS: Final = (".stl", ".obj", ".glb")
@@ -51,6 +52,11 @@ class Simulation:
                 f"world = {self.world!r}: must be one of {', '.join(ENVIRONMENTS)}, or a mesh file ending in "
                 f"{', '.join(MESH_ENDINGS)}"
             )
+        if self.twin == "dynamics" and (self.world != "free" or self.payload_kg):
+            raise SimulationError(
+                "twin = 'dynamics': the equations of motion know no walls and no payload; leave out world and payload, "
+                "or take the default twin"
+            )
         if self.gravity_m_s2 is not None and not (
             len(self.gravity_m_s2) == 3 and sum(g * g for g in self.gravity_m_s2) < 20.0**2
         ):
@@ -72,6 +78,11 @@ class Simulation:
                 f"payload = {self.payload_kg:g} kg: must be 0 to {MAX_PAYLOAD * own:.3g} kg, "
                 f"{MAX_PAYLOAD:g} times the weight of the active segment"
             )
+        if self.twin == "dynamics":
+            try:
+                parameters_of(description)
+            except OperatorError as error:
+                raise SimulationError(f"twin = 'dynamics': {error}") from None
         # The ideal twin is ideal, and without a twin there is nothing to lose.
         true = with_losses(description, self.losses if self.twin == "default" else "off", self.seed)
         if self.gravity_m_s2 is None:

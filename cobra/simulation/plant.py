@@ -64,3 +64,9 @@ class Plant(Protocol):
 
     def truth(self) -> Truth:
         """A consistent snapshot; safe to call from another thread."""
+
+    def push(self, vertebra: int, force: Floats, torque: Floats | None = None) -> None:
+        """From now on push at a vertebra's centre: `force` (3,) [N], `torque` (3,) [N·m], in the frame of the port.
+
+        `vertebra` counts as in `Truth.vertebrae`. Safe to call from another thread.
+        """
