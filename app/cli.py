@@ -7,7 +7,7 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, robot, router, simulate, users, watch
+from app.commands import check, record, recover, robot, router, simulate, users, watch
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -32,6 +32,8 @@ COMMANDS = {
     command.name: command
     for command in (
         robot.COMMAND,
+        record.COMMAND,
+        recover.COMMAND,
         simulate.COMMAND,
         check.COMMAND,
         *users.COMMANDS,

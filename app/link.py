@@ -1,6 +1,7 @@
 """The link between a robot process and its consoles: Zenoh keys, one class for either end.
 
 cobra/<robot>/state     robot → all     RobotState, every tick; only the newest matters
+cobra/<robot>/history   robot → recorders   the same states, a tenth of a second in one message: none is dropped for being late
 cobra/<robot>/event     robot → all     Event
 cobra/<robot>/heard     robot → recorders   Heard: commands with the robot's verdict, answered requests
 cobra/<robot>/truth     twin → tests and plots only
@@ -37,6 +38,8 @@ from cobra.messages import (
 )
 
 REQUEST_TIMEOUT_S = 2.0
+HISTORY_S = 0.1
+"""States are put together for recorders for so long: a tenth of the messages, and a short stall of a thread drops none."""
 
 
 def key(robot: str, name: str) -> str:
@@ -63,6 +66,8 @@ class RobotLink:
         self._meta = encode(meta)
         self._session: zenoh.Session | None = None
         self._consoles: set[str] = set()
+        self._waiting: list[bytes] = []
+        self._history_due = 0.0
 
     @property
     def consoles(self) -> int:
@@ -96,6 +101,7 @@ class RobotLink:
 
         self._state = _newest_only(session, name("state"))
         self._event = session.declare_publisher(name("event"))
+        self._history = session.declare_publisher(name("history"), congestion_control=zenoh.CongestionControl.DROP)
         self._heard = session.declare_publisher(name("heard"), congestion_control=zenoh.CongestionControl.DROP)
         self._truth = session.declare_publisher(name("truth"), congestion_control=zenoh.CongestionControl.DROP)
         self._subscribers = [
@@ -116,12 +122,24 @@ class RobotLink:
 
     def stop(self) -> None:
         if self._session is not None:
+            self._publish_history()
             self._session.close()  # type: ignore[no-untyped-call]
             self._session = None
 
     def publish_state(self, state: RobotState) -> None:
-        if self._session is not None:
-            self._state.put(encode(state))
+        if self._session is None:
+            return
+        data = encode(state)
+        self._state.put(data)
+        self._waiting.append(data)
+        if state.stamp >= self._history_due:
+            self._history_due = state.stamp + HISTORY_S
+            self._publish_history()
+
+    def _publish_history(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self._history.put(msgspec.msgpack.encode(waiting))
 
     def publish_event(self, event: Event) -> None:
         if self._session is not None:
@@ -315,3 +333,12 @@ def _ask(session: zenoh.Session, name: str, payload: bytes) -> bytes | None:
         if reply.ok is not None:
             return reply.ok.payload.to_bytes()
     return None
+
+
+def history(data: bytes) -> list[bytes]:
+    """The encoded states of one `history` message.
+
+    Raises:
+        msgspec.DecodeError, msgspec.ValidationError: the bytes are not such a message.
+    """
+    return msgspec.msgpack.decode(data, type=list[bytes])

@@ -17,7 +17,7 @@ if os.environ.get("CI"):
 @pytest.fixture(scope="session", autouse=True)
 def folders_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Users, profiles and audit trails of whoever runs the tests stay out of them."""
-    for kind in ("CONFIG", "STATE"):
+    for kind in ("CONFIG", "STATE", "DATA"):
         os.environ[f"COBRA_TELEOP_{kind}_DIR"] = str(tmp_path_factory.mktemp(kind.lower()))
 
 

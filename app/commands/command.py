@@ -15,6 +15,14 @@ CanLog = Annotated[
     Path | None, tyro.conf.arg(metavar="FILE", help="Write every CAN frame to FILE (.log for candump, or .blf).")
 ]
 
+RecordFolder = Annotated[
+    Path | None,
+    tyro.conf.arg(metavar="DIR", help="Folder of the recordings; by default ~/.local/share/cobra-teleop/recordings."),
+]
+RecordBudget = Annotated[
+    float, tyro.conf.arg(metavar="GB", help="Room for recordings; beyond it the oldest unmarked ones are deleted.")
+]
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationArguments:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from app.commands.command import AS_DESCRIBED, CanLog, RobotName, Simulated
+from app.commands.command import AS_DESCRIBED, CanLog, RecordBudget, RecordFolder, RobotName, Simulated
 
 
 def drive(
@@ -33,6 +33,14 @@ def drive(
     leave_robot: Annotated[
         bool, tyro.conf.arg(help="At the end leave the robot process running (it holds) for the next console.")
     ] = False,
+    record: RecordFolder = None,
+    no_record: Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Record nothing.")] = False,
+    record_budget: RecordBudget = 20.0,
+    record_can: Annotated[
+        bool,
+        tyro.conf.FlagCreatePairsOff,
+        tyro.conf.arg(help="Write every CAN frame beside the recording."),
+    ] = False,
 ) -> int:
     from app.console.console import Console, ConsoleOptions
 
@@ -51,5 +59,9 @@ def drive(
             frame_rate_Hz=frame_rate,
             can_log=can_log,
             leave_robot=leave_robot,
+            record=not no_record,
+            record_folder=record,
+            record_budget_GB=record_budget,
+            record_can=record_can,
         )
     ).run()

@@ -3,11 +3,13 @@
 import contextlib
 import gc
 import getpass
+import json
 import logging
 import os
 import signal
 import sys
 import threading
+import time
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,12 +24,14 @@ from app.console.gamepad import Gamepad
 from app.console.inputs import Controls
 from app.console.listening import Tls, load_tls, own_names
 from app.console.pilot import Pilot
+from app.console.recording import RecorderProcess
 from app.console.robot_connection import RobotConnection
 from app.console.robot_keeper import RobotKeeper
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
 from app.people.sessions import Sessions
 from app.people.users import Users
+from app.recording import storage
 from cobra.clock import SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import load_description
@@ -57,6 +61,12 @@ class ConsoleOptions:
     frame_rate_Hz: float = 30.0
     can_log: Path | None = None
     leave_robot: bool = False
+    record: bool = True
+    record_folder: Path | None = None
+    """None for the user's own."""
+    record_budget_GB: float = 20.0
+    record_can: bool = False
+    """Write the raw frames beside the recording."""
 
 
 class Console:
@@ -84,27 +94,47 @@ class Console:
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         description = load_description(options.robot)
         _refuse_a_second(description.name)
-        keeper = RobotKeeper(options.robot, description.name, _robot_options(options))
+        recording = _recording_path(options, description.name)
+        keeper = RobotKeeper(options.robot, description.name, _robot_options(options, recording))
         keeper.launch()
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: self.quit())
         robot = RobotConnection(keeper, description.name)
+        recorder = _recorder(options, description.name, recording, robot) if recording else None
+        if recorder:
+            robot.on_connect = recorder.connect
+            recorder.start()
         try:
-            self._run(description, keeper, robot, _Welcome(Sessions(users, getpass.getuser()), tls, danger))
+            welcome = _Welcome(Sessions(users, getpass.getuser()), tls, danger)
+            self._run(description, keeper, robot, welcome, recorder)
         finally:
             runtime.unregister("console", description.name)
             robot.stop()
             if not options.leave_robot:
                 keeper.end()
+            if recorder:
+                recorder.stop()  # last, so that the robot's end is in it
         return 0
 
     def _run(
-        self, description: RobotDescription, keeper: RobotKeeper, robot: RobotConnection, welcome: "_Welcome"
+        self,
+        description: RobotDescription,
+        keeper: RobotKeeper,
+        robot: RobotConnection,
+        welcome: "_Welcome",
+        recorder: RecorderProcess | None,
     ) -> None:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
         pilot = Pilot(description, clock)
-        driver = Driver(getpass.getuser(), pilot, lambda: robot.link, clock, robot.warn)
+        driver = Driver(
+            getpass.getuser(),
+            pilot,
+            lambda: robot.link,
+            clock,
+            robot.warn,
+            recorder.sent if recorder else lambda wanted, command: None,
+        )
 
         def pad_changed(controls: Controls) -> None:
             pilot.update(PAD, controls)
@@ -124,6 +154,7 @@ class Console:
             quit_console=self.quit,
             clock=clock,
             danger=welcome.danger,
+            recorder=recorder,
         )
         door = FrontDoor(
             options.host,
@@ -175,9 +206,25 @@ def _refuse_a_second(robot: str) -> None:
         )
 
 
-def _robot_options(options: ConsoleOptions) -> tuple[str, ...]:
-    log_file = ("--can-log", str(options.can_log.absolute())) if options.can_log else ()
-    return (*as_options(options.simulation), *log_file)
+def _recording_path(options: ConsoleOptions, robot: str) -> Path | None:
+    """Where this session is recorded; None when it is not to be."""
+    if not options.record:
+        return None
+    return storage.new_path((options.record_folder or storage.default_folder()).absolute(), robot, time.time())
+
+
+def _recorder(options: ConsoleOptions, name: str, path: Path, robot: RobotConnection) -> RecorderProcess:
+    settings = {name: str(getattr(options, name)) for name in options.__dataclass_fields__}
+    more = ("--record-budget", str(options.record_budget_GB), "--settings", json.dumps(settings))
+    return RecorderProcess(name, path, more, robot.warn, lambda: tuple(robot.events))
+
+
+def _robot_options(options: ConsoleOptions, recording: Path | None) -> tuple[str, ...]:
+    log_file = options.can_log.absolute() if options.can_log else None
+    if options.record_can and recording is not None:
+        recording.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        log_file = log_file or recording.with_name(recording.name.removesuffix(storage.SUFFIX) + ".can.log")
+    return (*as_options(options.simulation), *(("--can-log", str(log_file)) if log_file else ()))
 
 
 def _choose_port(wanted: int) -> tuple[int, str]:

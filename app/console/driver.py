@@ -4,7 +4,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 
-from app.console.pilot import Pilot
+from app.console.pilot import Pilot, Wanted
 from app.link import ConsoleLink
 from cobra.clock import Clock
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
@@ -28,9 +28,11 @@ class Driver:
         link: Callable[[], ConsoleLink | None],
         clock: Clock,
         warn: Callable[[str], None] = lambda text: None,
+        sent: Callable[[Wanted, Command], None] = lambda wanted, command: None,
     ) -> None:
-        """`warn` tells the operator, in words, of a button that could not do what it asks."""
+        """`warn` tells the operator, in words, of a button that could not do what it asks; `sent` hears every command."""
         self._warn = warn
+        self._sent = sent
         self._who = who
         self._pilot = pilot
         self._link = link
@@ -115,17 +117,17 @@ class Driver:
             self._sequence += 1
             lease, epoch, sequence = self._lease, self._epoch, self._sequence
         wanted = self._pilot.command(self._clock.now())
-        link.send(
-            Command(
-                lease=lease,
-                epoch=epoch,
-                sequence=sequence,
-                echo=state.stamp,
-                held=wanted.held,
-                intent=wanted.intent,
-                input_stamp=wanted.input_stamp,
-            )
+        command = Command(
+            lease=lease,
+            epoch=epoch,
+            sequence=sequence,
+            echo=state.stamp,
+            held=wanted.held,
+            intent=wanted.intent,
+            input_stamp=wanted.input_stamp,
         )
+        link.send(command)
+        self._sent(wanted, command)
 
     def _locking(self) -> str:
         """One button locks and unlocks, whichever the robot is not doing."""

@@ -84,6 +84,16 @@ class EventLine(TypedDict):
     ago: float
 
 
+class RecordingState(TypedDict):
+    """How the session is recorded; `name` is empty when it is not to be, `problem` in words, empty for none."""
+
+    name: str
+    problem: str
+    megabytes: float
+    lost: int
+    """Messages that are not in the recording: the disk was too slow or full, or the link dropped them."""
+
+
 class Snapshot(TypedDict):
     """The state for the page."""
 
@@ -120,6 +130,7 @@ class Snapshot(TypedDict):
     """Newest first."""
     console_rate: float
     """States that reached the console in the last second [Hz]."""
+    recording: RecordingState
 
 
 class Limits(TypedDict):

@@ -40,6 +40,8 @@ WHY_NOT: dict[Phase, str] = {
     "fault": "the robot has a fault: see the cause, then arm again",
 }
 
+NOBODY = Controls(connected=False)
+
 Stage = Literal["release", "ready", "pressed", "driving"]
 """release: must let go first. ready: may press. pressed: waits for the robot to report its last stop. driving."""
 
@@ -54,6 +56,9 @@ class Wanted(NamedTuple):
     """When the driving source was read [s]; 0 when nobody drives."""
     source: str
     """The driving source's key; empty when nobody drives."""
+    controls: Controls
+    """The driving source's newest reading; at rest when nobody drives."""
+    selection: Selection
 
 
 class Status(NamedTuple):
@@ -159,9 +164,9 @@ class Pilot:
         with self._lock:
             self._refresh(now)
             source = self._sources.get(self._driver)
-            controls = source.controls if source else Controls(connected=False)
+            controls = source.controls if source else NOBODY
             intent = map_controls(controls, controls, self._selection, self._profile, self._description).intent
-            return Wanted(source is not None, intent, controls.stamp, self._driver)
+            return Wanted(source is not None, intent, controls.stamp, self._driver, controls, self._selection)
 
     def take_actions(self) -> tuple[Action, ...]:
         """What buttons asked for since the last call."""

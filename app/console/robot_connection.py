@@ -3,6 +3,7 @@
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 
 from app.console.robot_keeper import RobotKeeper, RobotStartError
 from app.link import ConsoleLink
@@ -25,6 +26,8 @@ class RobotConnection:
         self.events: deque[Event] = deque(maxlen=200)
         self.present = False
         """Whether the robot process is there."""
+        self.on_connect: Callable[[str], None] = lambda endpoint: None
+        """Hears where the link is of every robot process that we connect to."""
 
     def start(self) -> Meta:
         """Connect to the process that the keeper launched; returns what it says of itself.
@@ -43,6 +46,7 @@ class RobotConnection:
             link.stop()
             raise
         self._link, self.present = link, True
+        self.on_connect(running.endpoint)
         return meta
 
     def stop(self) -> None:

@@ -13,8 +13,19 @@ import numpy as np
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import pad_map
 from app.console.page_socket import Asker, What
-from app.console.page_state import Answer, Bend, DriveState, EventLine, LockState, Pad, Snapshot, Welcome
+from app.console.page_state import (
+    Answer,
+    Bend,
+    DriveState,
+    EventLine,
+    LockState,
+    Pad,
+    RecordingState,
+    Snapshot,
+    Welcome,
+)
 from app.console.pilot import Pilot
+from app.console.recording import RecorderProcess
 from app.console.seen import Seat, SeenRobot
 from cobra.clock import Clock
 from cobra.description import RobotDescription
@@ -42,6 +53,7 @@ class ConsoleSession:
         quit_console: Callable[[], None],
         clock: Clock,
         danger: str = "",
+        recorder: RecorderProcess | None = None,
     ) -> None:
         """`danger`: what everybody has to know about how the page is served; empty when it is as it should be."""
         self._description = description
@@ -55,6 +67,7 @@ class ConsoleSession:
         self._quit = quit_console
         self._clock = clock
         self._danger = danger
+        self._recorder = recorder
         # Requests wait for the robot process; the front door's thread must not.
         self._workers = ThreadPoolExecutor(4, thread_name_prefix="request")
 
@@ -107,6 +120,7 @@ class ConsoleSession:
             "timing": {name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
             "events": self._events(state),
             "console_rate": self._robot.rate(),
+            "recording": self._recording(),
         }
         return cast(
             Snapshot,
@@ -145,6 +159,17 @@ class ConsoleSession:
     async def _later(self, ask: Callable[[], Reply]) -> Answer:
         reply = await asyncio.get_running_loop().run_in_executor(self._workers, ask)
         return Answer(ok=reply.ok, reasons=list(reply.reasons))
+
+    def _recording(self) -> RecordingState:
+        recorder = self._recorder
+        report = recorder.report if recorder else None
+        state = report.state if report else None
+        return RecordingState(
+            name=recorder.path.name if recorder else "",
+            problem=recorder.problem if recorder else "",
+            megabytes=state.size_bytes / 1e6 if state else 0.0,
+            lost=state.dropped + state.missed if state else 0,
+        )
 
     def _pad_state(self) -> Pad:
         controls = self._pad.read() if self._pad else Controls(connected=False)
