@@ -7,7 +7,7 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, record, recover, robot, router, simulate, users, watch
+from app.commands import check, motors_serve, record, recover, robot, router, simulate, users, watch
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -34,6 +34,7 @@ COMMANDS = {
         robot.COMMAND,
         record.COMMAND,
         recover.COMMAND,
+        motors_serve.COMMAND,
         simulate.COMMAND,
         check.COMMAND,
         *users.COMMANDS,

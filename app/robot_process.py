@@ -5,13 +5,14 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
 
 import msgspec
 
 from app import places, runtime
+from app.bus_routes import rerouted
 from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from cobra.clock import SystemClock
@@ -41,6 +42,7 @@ def run_robot(
     simulation: Simulation = AS_DESCRIBED,
     router: str | None = None,
     access: LinkAccess = DIRECT,
+    routes: Sequence[str] = (),
     can_log: Path | None = None,
     orphaned_s: float = ORPHANED_S,
     leave_when_orphaned: bool = False,
@@ -53,6 +55,7 @@ def run_robot(
         simulation: of the drives that are simulated, and of what they move.
         router: where a router is, through which consoles elsewhere reach this robot.
         access: account and certificates for the router.
+        routes: described buses led to other adapters, as `app.bus_routes` reads them.
         can_log: file that gets every CAN frame.
         orphaned_s: after this long without a console the description's final action is taken.
         leave_when_orphaned: also exit then; else wait for the next console, disarmed.
@@ -60,7 +63,7 @@ def run_robot(
     Raises:
         DescriptionError, LinkError, BusError: with one clear line.
     """
-    description = _simulated(robot, simulation)
+    description = rerouted(_simulated(robot, simulation), routes)
     ask_for_realtime(OTHERS_PRIORITY)
     if endpoint and not on_loopback(endpoint):
         raise LinkError(

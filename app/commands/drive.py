@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from app.bus_routes import BusRoutes
 from app.commands.command import AS_DESCRIBED, CanLog, RecordBudget, RecordFolder, RobotName, Simulated
 
 
@@ -12,6 +13,7 @@ def drive(
     *,
     robot: RobotName = "cobra",
     simulated: Simulated = AS_DESCRIBED,
+    bus: BusRoutes = (),
     port: Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")] = 8080,
     host: Annotated[
         str, tyro.conf.arg(help="Address to serve the page on; others than loopback need users and TLS.")
@@ -48,6 +50,7 @@ def drive(
         ConsoleOptions(
             robot=robot,
             simulation=simulated.simulation(),
+            routes=bus,
             host=host,
             port=port,
             tls_cert=tls_cert,

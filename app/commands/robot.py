@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from app.bus_routes import BusRoutes
 from app.commands.command import AS_DESCRIBED, CanLog, Command, RobotName, Simulated
 
 
@@ -24,6 +25,7 @@ def robot_process(
     ca: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help="Certificate of the authority of a tls/ router (PEM).")
     ] = None,
+    bus: BusRoutes = (),
     can_log: CanLog = None,
     orphaned_after: Annotated[
         float, tyro.conf.arg(metavar="SECONDS", help="Without a console for this long, take the final action.")
@@ -39,6 +41,7 @@ def robot_process(
         simulation=simulated.simulation(),
         router=router,
         access=LinkAccess(account=account, ca=ca),
+        routes=bus,
         can_log=can_log,
         orphaned_s=orphaned_after,
         leave_when_orphaned=leave_when_orphaned,

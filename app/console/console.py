@@ -50,6 +50,7 @@ class ConsoleOptions:
 
     robot: str = "cobra"
     simulation: Simulation = AS_DESCRIBED
+    routes: tuple[str, ...] = ()
     host: str = "127.0.0.1"
     port: int = 8080
     tls_cert: Path | None = None
@@ -224,7 +225,8 @@ def _robot_options(options: ConsoleOptions, recording: Path | None) -> tuple[str
     if options.record_can and recording is not None:
         recording.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         log_file = log_file or recording.with_name(recording.name.removesuffix(storage.SUFFIX) + ".can.log")
-    return (*as_options(options.simulation), *(("--can-log", str(log_file)) if log_file else ()))
+    routes = (word for route in options.routes for word in ("--bus", route))
+    return (*as_options(options.simulation), *routes, *(("--can-log", str(log_file)) if log_file else ()))
 
 
 def _choose_port(wanted: int) -> tuple[int, str]:

@@ -93,7 +93,7 @@ class Cia402Drive:
         return frozenset({0, SYNC, *own, *range(HEARTBEAT + 1, HEARTBEAT + 128)})
 
     def slip(self, degrees: float) -> None:
-        """The encoder slips on its shaft by degrees of the output."""
+        """The encoder slips on its shaft, by degrees of the output."""
         self._boot_rad += math.radians(degrees)
 
     def hear(self, arbitration_id: int, data: bytes) -> list[Frame]:

@@ -18,3 +18,6 @@ class Node(Protocol):
 
     def unasked(self) -> list[Frame]:
         """What it sends by itself now: alarms, heartbeats."""
+
+    def slip(self, degrees: float) -> None:
+        """The encoder slips on its shaft, by degrees of the output."""

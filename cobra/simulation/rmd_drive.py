@@ -85,6 +85,10 @@ class RmdDrive:
         alarm = self._alarm()
         return [] if alarm is None else [(self.dialect.reply_id + self.address, alarm)]
 
+    def slip(self, degrees: float) -> None:
+        """The encoder slips on its shaft, by degrees of the output."""
+        self._boot_deg += degrees * self._ratio
+
     def _answer(self, data: bytes) -> bytes | None:
         """The reply to 8 bytes; None for what is no request of this dialect. Never raises."""
         try:

@@ -69,6 +69,10 @@ class Servos:
         self._velocity: Floats = np.zeros(n)
         self._torque: Floats = np.zeros(n)
         self._temperature: Floats = np.full(n, AMBIENT_C)
+        self.stalled: set[int] = set()
+        """Shafts that are blocked."""
+        self.heated_C: dict[int, float] = {}
+        """Drives that are as hot as this, whatever they do."""
         self.states: tuple[State, ...] = self._snapshot()
 
     def step(self, load_torque: Floats, duration_s: float) -> Floats:
@@ -91,8 +95,14 @@ class Servos:
 
         change = acceleration * duration_s
         self._velocity = self._velocity + np.clip(wanted - self._velocity, -change, change)
+        stalled = list(self.stalled)
+        self._velocity[stalled] = 0.0
         self.angle = self.angle + self._velocity * duration_s
         self._torque = np.clip(self._bearing_torque(load_torque), low, high)
+        if stalled:
+            # A blocked drive pushes towards its target as hard as it may.
+            push = np.where(mode == "position", np.sign(value - self.angle), np.sign(value))
+            self._torque[stalled] = np.where(served, push * self._max_torque, 0.5 * (low + high))[stalled]
         self._warm_up(duration_s)
         self.states = self._snapshot()
         return self.angle
@@ -112,6 +122,8 @@ class Servos:
         use = self._torque / self._max_torque
         final = AMBIENT_C + HEATING * (self._max_temperature - AMBIENT_C) * use**2
         self._temperature = self._temperature + (final - self._temperature) * (duration_s / THERMAL_TIME_S)
+        for index, celsius in list(self.heated_C.items()):
+            self._temperature[index] = celsius
 
     def _snapshot(self) -> tuple[State, ...]:
         current = self._torque / self._constant
