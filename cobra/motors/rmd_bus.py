@@ -26,6 +26,8 @@ from cobra.motors.rmd_link import RmdLink
 
 REPLY_LATENCY_S = 0.003
 """A drive may take so long to answer; 1.1 to 2 ms are seen on real ones."""
+WAIT = 0.7
+"""Part of a tick in which replies are waited for."""
 WATCHDOG_MS = 500
 """v3: without a request for so long the drive cuts its output. Well above a garbage collection, well below a person."""
 ATTEMPTS = 3
@@ -59,7 +61,8 @@ class RmdBus:
         self._channel.welcome |= {link.alarm_key for link in self._drives}
         self._load = channel_load(description, bus)
         period_s = 1.0 / description.teleop.loop_rate_Hz
-        self.reply_timeout_s = min(self._load.wire_time_s + REPLY_LATENCY_S, 0.9 * period_s)
+        # Waiting costs only when a reply is missing; a serial adapter or a busy machine may need the longer one.
+        self.reply_timeout_s = max(WAIT * period_s, min(self._load.wire_time_s + REPLY_LATENCY_S, 0.9 * period_s))
         self._enabled = False
         self._watched = False
         self._silent = False
@@ -82,6 +85,7 @@ class RmdBus:
         self._voltage: Floats = np.full(n, np.nan)
         self._missed = np.zeros(n, dtype=np.int64)
         self._sent: list[Outgoing] = []
+        self._asked: list[Outgoing] = []
         self._angle_of = {link.angle.key: i for i, link in enumerate(self._drives)}
         self._status_of = {link.status.key: i for i, link in enumerate(self._drives)}
         self._angle_cycle = cycle([link.angle for link in self._drives if link.coarse])
@@ -192,14 +196,18 @@ class RmdBus:
         if self._channel.interrupted:
             self._channel.interrupted = False
             self._distrust("its bus was gone: arm again")
+        for key in self._channel.discard_late():
+            for link in self._drives:
+                link.unanswered.pop(key, None)
         self._sent = self._reads() if angles is None else self._setpoints(angles)
         # One question a tick until somebody answers: nothing piles up in an adapter that does not send.
-        burst = [next(self._slow_cycle)] if self._silent else [*self._sent, *self._polls()]
-        self._channel.send_burst(burst, self.reply_timeout_s)
+        self._asked = [next(self._slow_cycle)] if self._silent else self._unambiguous(self._sent, self._polls())
+        self._channel.send_burst(self._asked, self.reply_timeout_s)
 
     def collect(self) -> Feedback:
         """The receiving half."""
         replies = self._channel.collect()
+        self._note_answers(replies)
         valid = self._take(self._sent, replies)
         self._missed = np.where(valid, 0, self._missed + 1)
         if replies:
@@ -214,6 +222,25 @@ class RmdBus:
                     f"nobody answers on {self._channel.label}: check power, cable and adapter, then arm again"
                 )
         return self._feedback(valid)
+
+    def _unambiguous(self, wanted: list[Outgoing], polls: list[Outgoing]) -> list[Outgoing]:
+        """RMD has no sequence numbers: a reply that comes ticks late must not be taken for the newest one's."""
+        if not any(link.unanswered for link in self._drives):
+            return [*wanted, *polls]
+        burst = {}
+        for link, request in zip(self._drives, wanted, strict=True):
+            chosen = link.unambiguous(request)
+            burst[chosen.key] = chosen
+        waiting = set().union(*(link.unanswered for link in self._drives))
+        return [*burst.values(), *(poll for poll in polls if poll.key not in waiting and poll.key not in burst)]
+
+    def _note_answers(self, replies: dict[int, Incoming]) -> None:
+        answered = replies.keys()
+        if len(answered) == len(self._asked) and not any(link.unanswered for link in self._drives):
+            return
+        for link in self._drives:
+            asked = [request.key for request in self._asked if request.key >> 8 == link.status.key >> 8]
+            link.note_answers(asked, answered)
 
     def _distrust(self, why: str) -> None:
         """Nothing is commanded until the drives were probed and enabled again."""
@@ -262,7 +289,9 @@ class RmdBus:
         # v3 differs in its last field only, whole degrees, which is not used.
         unpack = RMD_V1.entries["status_2"].reply.struct.unpack
         for i, request in enumerate(sent):
-            if (reply := replies.get(request.key)) is not None:
+            # Where a read stands in for a setpoint, it tells the same.
+            reply = replies.get(request.key) or replies.get(self._drives[i].motion.key)
+            if reply is not None:
                 self._motion[i] = unpack(reply.data)
                 self._motion_time[i] = reply.time_s
                 valid[i] = True

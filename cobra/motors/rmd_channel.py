@@ -59,17 +59,18 @@ class RmdChannel(Channel):
         self._burst = _Burst()
         self.welcome: set[int] = set()
         """Keys of frames that are noted though nobody asked: alarms, and the other dialect's answer to a probe."""
+        self._late: list[int] = []
         self.noted: set[int] = set()
         """Those of them that came; whoever reads it clears it."""
 
     def transact(self, requests: Iterable[Outgoing], timeout_s: float) -> dict[int, Incoming]:
         """Send and collect at once. Raises BusError."""
+        self.discard_late()
         self.send_burst(requests, timeout_s)
         return self.collect()
 
     def send_burst(self, requests: Iterable[Outgoing], timeout_s: float) -> None:
-        """Send one burst, after what came too late for the last one is discarded. Raises BusError."""
-        self.drain(self._discard)
+        """Send one burst; what came too late for the last one is to be discarded before. Raises BusError."""
         burst = self._burst = _Burst(deadline_s=self.clock.now() + timeout_s)
         for request in requests:
             self.send(request.message, burst.deadline_s)
@@ -77,6 +78,12 @@ class RmdChannel(Channel):
         if not burst.pending <= self._asked:
             self._asked |= burst.pending
             self._asked_ids = {key >> 8 for key in self._asked}
+
+    def discard_late(self) -> list[int]:
+        """Throw away what came after the last burst's time; the keys of its replies. Raises BusError."""
+        self.drain(self._discard)
+        late, self._late = self._late, []
+        return late
 
     def collect(self) -> dict[int, Incoming]:
         """Replies to the last burst by key, collected until all are in or its time is over. Raises BusError.
@@ -112,6 +119,8 @@ class RmdChannel(Channel):
             self.noted.add(key)
         elif key in self._asked:
             self.counts["late reply"] += 1
+            if len(self._late) < MAX_STALE_FRAMES:
+                self._late.append(key)
         elif key >> 8 in self._asked_ids:
             self.counts["wrong command"] += 1
         elif key >> 8 in _REPLY_IDS:

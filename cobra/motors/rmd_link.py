@@ -1,6 +1,7 @@
 """One RMD drive as its bus sees it: what it speaks, the requests that are sent again and again, and what is wrong with it."""
 
 import math
+from collections.abc import Set
 
 from cobra.description import Drive, Motor
 from cobra.motors.drive_limits import beyond_limits
@@ -27,12 +28,41 @@ class RmdLink:
         self.angle = self.request("multi_turn_angle")
         self.status = self.request("status_1")
         self.alarm_key = reply_key(self.dialect, drive.address, WATCHDOG_ALARM)
+        self.unanswered: dict[int, None] = {}
+        """Keys of requests whose replies may still come, late, in the order in which they were asked."""
+        self._reads = [
+            self.motion, self.angle, self.status,
+            *(self.request(name) for name in ("status_3", "single_turn_angle", "read_gains")),
+        ]  # fmt: skip
         self.errors: tuple[str, ...] = ()
         self.lost: str = ""
         """What a drive must be enabled again for: alarms, jumps of its angle."""
 
     def request(self, request: Request, **values: float) -> Outgoing:
         return outgoing(self.dialect, self.address, request, **values)
+
+    def unambiguous(self, wanted: Outgoing) -> Outgoing:
+        """The wanted request, or a read in its place while a late reply could be taken for its own.
+
+        Of the reads, the one that was not asked for longest: a reply must be later than as many ticks as there are reads
+        to be mistaken.
+        """
+        if wanted.key not in self.unanswered:
+            return wanted
+        for request in self._reads:
+            if request.key not in self.unanswered:
+                return request
+        by_key = {request.key: request for request in self._reads}
+        return next(by_key[key] for key in self.unanswered if key in by_key)
+
+    def note_answers(self, asked: list[int], answered: Set[int]) -> None:
+        """Keep what may still come late. A drive answers in order: what was asked before an answered request is lost."""
+        last = max((i for i, key in enumerate(asked) if key in answered), default=-1)
+        if last >= 0:
+            self.unanswered.clear()
+        for key in asked[last + 1 :]:
+            self.unanswered.pop(key, None)
+            self.unanswered[key] = None
 
     @property
     def foreign_status_key(self) -> int:

@@ -223,6 +223,39 @@ NOISE = {
 }
 
 
+@pytest.mark.parametrize("protocol", ["rmd-v1", "rmd-v3"])
+@pytest.mark.parametrize("late_s", [0.012, 0.023, 0.041])
+def test_replies_that_are_ticks_late_are_never_taken_for_the_newest(rig: Make, protocol: str, late_s: float) -> None:
+    """RMD has no sequence numbers: matched by id and command alone, a reply from three ticks ago would look fresh."""
+    r = rig(2, protocol)
+    r.bus.enable()
+    r.wire.latency[2] = late_s
+    for k in range(40):
+        r.drives[1].celsius = k
+        start = r.clock.now()
+        feedback = r.bus.exchange(np.zeros(2))
+        assert not feedback.valid[1]
+        assert feedback.valid[0]
+        r.clock.advance(max(0.0, start + 0.01 - r.clock.now()))
+    assert feedback.missed[1] == 40
+    assert r.bus.counts["late reply"] > 20
+
+
+def test_a_lost_reply_costs_one_setpoint_and_no_more(rig: Make) -> None:
+    r = rig(2)
+    r.bus.enable()
+    r.bus.exchange(np.zeros(2))
+    r.drives[1].silent = True
+    r.bus.exchange(np.zeros(2))
+    r.drives[1].silent = False
+    r.wire.sent.clear()
+    assert r.bus.exchange(np.zeros(2)).valid.all()
+    assert [data[0] for i, data in r.wire.sent if i == 0x142 and data[0] in (0xA4, 0x9C)] == [0x9C], "a read instead"
+    r.wire.sent.clear()
+    assert r.bus.exchange(np.zeros(2)).valid.all()
+    assert [data[0] for i, data in r.wire.sent if i == 0x142 and data[0] in (0xA4, 0x9C)] == [0xA4]
+
+
 @pytest.mark.parametrize("reason", NOISE)
 def test_every_frame_that_is_no_reply_is_counted_by_its_reason(rig: Make, reason: str) -> None:
     r = rig(3)

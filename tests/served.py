@@ -1,0 +1,162 @@
+"""Real processes without a page: simulated drives behind SLCAN, a robot process on python-can's slcan driver, and a driver."""
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from app.runtime import Running
+from cobra.messages import Command, Intent, Reply, Request, RobotState
+from tests.stack import Observer, wait_for
+
+BUS = re.compile(r"^bus (\S+): slcan (\S+)$", re.MULTILINE)
+
+
+class Drives:
+    """`cobra-teleop motors serve`."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self._output = folder / "drives.txt"
+        self._command = [sys.executable, "-m", "app", "motors", "serve", *arguments]
+        self.start()
+
+    def start(self, *more: str) -> None:
+        before = len(self._text())
+        with self._output.open("ab") as output:
+            self.process = subprocess.Popen(
+                [*self._command, *more], stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT
+            )
+        wait_for("the drives", lambda: "Ctrl-C ends" in self._text()[before:], 60.0)
+        self.channels = dict(BUS.findall(self._text()[before:]))
+
+    def make(self, fault: str) -> None:
+        """Ask for a fault, and wait until it is there."""
+        before = len(self._text())
+        assert self.process.stdin is not None
+        self.process.stdin.write(fault.encode() + b"\n")
+        self.process.stdin.flush()
+        wait_for(f"the answer to {fault!r}", lambda: "\n" in self._text()[before:])
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+
+    def _text(self) -> str:
+        return self._output.read_text() if self._output.exists() else ""
+
+
+class Rig:
+    """Drives, robot process and a driver's stream of commands at 50 Hz."""
+
+    def __init__(self, folder: Path, *serve: str, robot: str = "cobra") -> None:
+        self.drives = Drives(folder, "--robot", robot, *serve)
+        routes = [
+            word
+            for name, channel in self.drives.channels.items()
+            for word in ("--bus", f"{name}=slcan:{channel}?sleep_after_open=0")
+        ]
+        self.output = folder / "robot.txt"
+        environment = {**os.environ, "COBRA_TELEOP_RUNTIME_DIR": str(folder), "COBRA_TELEOP_DATA_DIR": str(folder)}
+        with self.output.open("wb") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "app", "robot", "--robot", robot, *routes],
+                env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+        entry = folder / f"robot-{robot}.json"
+        wait_for("the robot process", lambda: entry.exists() or self.process.poll() is not None, 60.0)
+        assert self.process.poll() is None, self.output.read_text()
+        self.observer = Observer(robot, msgspec.json.decode(entry.read_bytes(), type=Running).endpoint)
+        reply = self.ask("acquire")
+        self._lease = reply.lease
+        self._held = False
+        self._intent = Intent()
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._stream, daemon=True)
+        self._thread.start()
+
+    @property
+    def state(self) -> RobotState:
+        return self.observer.state
+
+    def ask(self, what: str) -> Reply:
+        lease = getattr(self, "_lease", "")
+        return self.observer.link.request(Request(what=what, lease=lease, who="test"))  # type: ignore[arg-type]
+
+    def drive(self) -> None:
+        """Hold the dead-man and push the stick to and fro until the robot drives."""
+        self._intent = Intent(primary=(0.5, 0.0), twist=0.3)
+
+        def driving() -> bool:
+            self._held = False
+            self.observer.wait("a press", lambda state: state.phase == "ready", 10.0)
+            self._held = True
+            with contextlib.suppress(AssertionError):
+                self.observer.wait("driving", lambda state: state.phase == "driving", 1.0)
+            return self.state.phase == "driving"
+
+        wait_for("the drive", driving)
+
+    def let_go(self) -> None:
+        self._held = False
+
+    def ready(self) -> None:
+        """Mend what can be mended, arm and home until the robot is ready."""
+        self.let_go()
+        self.drives.make("heal")
+
+        def armed() -> bool:
+            if self.state.phase in ("disarmed", "fault"):
+                reply = self.ask("arm")
+                self.refused = reply.reasons
+                if not reply.ok:
+                    return False
+            if self.state.phase == "holding" and not self.state.homed:
+                self.ask("home")
+            with contextlib.suppress(AssertionError):
+                self.observer.wait("ready", lambda state: state.phase in ("ready", "fault"), 30.0)
+            return self.state.phase == "ready"
+
+        wait_for("a robot that is ready", armed, 90.0)
+
+    def close(self) -> None:
+        self._done.set()
+        self._thread.join()
+        self.observer.close()
+        self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.drives.end()
+
+    def _stream(self) -> None:
+        sequence = 0
+        while not self._done.wait(0.02):
+            sequence += 1
+            state = self.state
+            intent = self._intent if self._held else Intent()
+            # To and fro, so that no limit is reached however long a test takes.
+            if int(state.stamp / 1.5) % 2:
+                intent = msgspec.structs.replace(intent, primary=(-intent.primary[0], 0.0), twist=-intent.twist)
+            self.observer.link.send(
+                Command(lease=self._lease, epoch=state.epoch, sequence=sequence, echo=state.stamp, held=self._held,
+                        intent=intent)
+            )  # fmt: skip
+
+
+@contextlib.contextmanager
+def served(folder: Path, *serve: str, robot: str = "cobra") -> Iterator[Rig]:
+    rig = Rig(folder, *serve, robot=robot)
+    try:
+        yield rig
+    finally:
+        rig.close()
