@@ -122,9 +122,10 @@ class FaultDesk:
             drive = self._description.drives[self._index(name)]
             if drive.tendon is None:
                 raise FaultError(f"drive {name!r} pulls no tendon")
-            if self._world.plant is None:
-                raise FaultError("there is no twin whose tendon could break: start with --twin default")
-            self._world.plant.break_tendon(drive.tendon)
+            break_tendon = getattr(self._world.plant, "break_tendon", None)
+            if break_tendon is None:
+                raise FaultError("this twin has no tendons that could break: start with --twin default")
+            break_tendon(drive.tendon)
         return f"the tendon of {', '.join(names)} is broken"
 
     def undervoltage(self, words: list[str]) -> str:

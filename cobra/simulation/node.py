@@ -19,5 +19,9 @@ class Node(Protocol):
     def unasked(self) -> list[Frame]:
         """What it sends by itself now: alarms, heartbeats."""
 
+
+class DriveNode(Node, Protocol):
+    """A drive among the devices."""
+
     def slip(self, degrees: float) -> None:
         """The encoder slips on its shaft, by degrees of the output."""

@@ -62,9 +62,6 @@ class Plant(Protocol):
         the load at each drive: tension [N] (≥ 0), and what the drive exerts along the feed [N] and about the twist [N·m].
         """
 
-    def break_tendon(self, name: str) -> None:
-        """From now on this tendon carries nothing."""
-
     def truth(self) -> Truth:
         """A consistent snapshot; safe to call from another thread."""
 

@@ -15,7 +15,7 @@ from cobra.description import Motor, RobotDescription
 from cobra.motors.rmd import DIALECTS
 from cobra.simulation.load_cells import amplifiers
 from cobra.simulation.lost_motion import LostMotion
-from cobra.simulation.node import Frame, Node
+from cobra.simulation.node import DriveNode, Frame, Node
 from cobra.simulation.plant import Floats, Plant, Truth
 from cobra.simulation.rmd_drive import RmdDrive
 from cobra.simulation.servos import Servos, State
@@ -59,7 +59,7 @@ class World:
         self.clock = clock
         self.stepping = stepping
         self.servos = Servos(motors)
-        self.drives: tuple[Node, ...] = tuple(
+        self.drives: tuple[DriveNode, ...] = tuple(
             _node_type(motor)(drive.address, motor, self.servos, i, clock, rng)
             for i, (drive, motor) in enumerate(zip(description.drives, motors, strict=True))
         )
@@ -165,7 +165,7 @@ def _start_travel(description: RobotDescription, index: int, rng: np.random.Gene
     return description.feed.start_m if drive.moves == "feed" and description.feed else 0.0
 
 
-def _node_type(motor: Motor) -> Callable[[int, Motor, Servos, int, Clock, np.random.Generator], Node]:
+def _node_type(motor: Motor) -> Callable[[int, Motor, Servos, int, Clock, np.random.Generator], DriveNode]:
     if motor.protocol in DIALECTS:
         return RmdDrive
     # Only who has CANopen drives waits for that package.
