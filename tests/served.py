@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from app.runtime import Running
+from cobra.loading import description_text
 from cobra.messages import Command, Intent, Reply, Request, RobotState
 from tests.stack import Observer, wait_for
 
@@ -56,7 +57,11 @@ class Drives:
 class Rig:
     """Drives, robot process and a driver's stream of commands at 50 Hz."""
 
-    def __init__(self, folder: Path, *serve: str, robot: str = "cobra") -> None:
+    def __init__(self, folder: Path, *serve: str, rate_Hz: float = 50.0) -> None:
+        """`rate_Hz`: python-can's slcan driver reads a byte at a time, which on a busy machine leaves 100 Hz little room."""
+        text = description_text("cobra").replace("loop_rate_Hz = 100.0", f"loop_rate_Hz = {rate_Hz}")
+        robot = str(folder / "cobra.toml")
+        Path(robot).write_text(text, "utf-8")
         self.drives = Drives(folder, "--robot", robot, *serve)
         routes = [
             word
@@ -70,10 +75,10 @@ class Rig:
                 [sys.executable, "-m", "app", "robot", "--robot", robot, *routes],
                 env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
             )  # fmt: skip
-        entry = folder / f"robot-{robot}.json"
+        entry = folder / "robot-cobra.json"
         wait_for("the robot process", lambda: entry.exists() or self.process.poll() is not None, 60.0)
         assert self.process.poll() is None, self.output.read_text()
-        self.observer = Observer(robot, msgspec.json.decode(entry.read_bytes(), type=Running).endpoint)
+        self.observer = Observer("cobra", msgspec.json.decode(entry.read_bytes(), type=Running).endpoint)
         reply = self.ask("acquire")
         self._lease = reply.lease
         self._held = False
@@ -154,8 +159,8 @@ class Rig:
 
 
 @contextlib.contextmanager
-def served(folder: Path, *serve: str, robot: str = "cobra") -> Iterator[Rig]:
-    rig = Rig(folder, *serve, robot=robot)
+def served(folder: Path, *serve: str, rate_Hz: float = 50.0) -> Iterator[Rig]:
+    rig = Rig(folder, *serve, rate_Hz=rate_Hz)
     try:
         yield rig
     finally:

@@ -457,7 +457,7 @@ def test_a_second_channel_of_a_robot_is_addressed_by_its_name(desk: Make) -> Non
     [
         ("nobody", {}, "nobody: cannot be read"),
         ("cobra#left", {"twin": "none"}, "cobra has no bus 'left'"),
-        ("cobra", {"twin": "perfect"}, "must be one of default, ideal, none"),
+        ("cobra", {"twin": "perfect"}, "must be one of default, ideal, dynamics, none"),
         ("cobra", {"twin": "none", "stepping": "fast"}, "must be one of thread, inline"),
     ],
 )
