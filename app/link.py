@@ -10,6 +10,7 @@ cobra/<robot>/stop      anybody → robot Stop
 cobra/<robot>/length    anybody → robot HandFedLength: what a measuring device reads, of a robot that is fed by hand
 cobra/<robot>/request   query           Request → Reply
 cobra/<robot>/meta      query           Meta
+cobra/<robot>/audit     query           the newest deeds of the audit trail
 cobra/<robot>/alive     liveliness token of the robot process
 cobra/<robot>/console/* liveliness tokens of its consoles
 """
@@ -23,6 +24,7 @@ import msgspec
 import zenoh
 
 from app.link_access import DIRECT, LinkAccess, LinkError, open_session
+from app.people.audit import Deed
 from cobra.messages import (
     Command,
     Event,
@@ -57,8 +59,16 @@ class RobotLink:
     """The robot's end: publishes, and hands what arrives to callbacks that must only put it aside."""
 
     def __init__(
-        self, robot: str, endpoint: str, meta: Meta, router: str | None = None, access: LinkAccess = DIRECT
+        self,
+        robot: str,
+        endpoint: str,
+        meta: Meta,
+        router: str | None = None,
+        access: LinkAccess = DIRECT,
+        audit: Callable[[], bytes] = lambda: b"\x90",
     ) -> None:
+        """`audit` gives the newest deeds, encoded."""
+        self._audit = audit
         self._robot = robot
         self._endpoint = endpoint
         self._router = router
@@ -110,6 +120,7 @@ class RobotLink:
             session.declare_subscriber(name("length"), lambda sample: on_length(sample.payload.to_bytes())),
             session.declare_queryable(name("request"), request),
             session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
+            session.declare_queryable(name("audit"), lambda query: query.reply(query.key_expr, self._audit())),
         ]
         self._token = session.liveliness().declare_token(name("alive"))
         self._watch = session.liveliness().declare_subscriber(name("console/*"), self._take_console, history=True)
@@ -246,6 +257,11 @@ class ConsoleLink:
         if data is None:
             raise LinkError(f"robot {self._robot!r} does not answer on {self._endpoint}")
         return decode(data, Meta)
+
+    def audit(self) -> list[Deed]:
+        """The newest deeds of the robot's audit trail, oldest first; none when it does not answer."""
+        data = self._query("audit", b"")
+        return msgspec.msgpack.decode(data, type=list[Deed]) if data else []
 
     def _query(self, name: str, payload: bytes) -> bytes | None:
         return _ask(self._session, key(self._robot, name), payload) if self._session is not None else None

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -15,6 +16,8 @@ from app import places, runtime
 from app.bus_routes import rerouted
 from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
+from app.people.audit import AuditTrail
+from app.robot_deeds import RobotDeeds
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
 from cobra.control.poses import PoseBook
@@ -29,6 +32,7 @@ from cobra.simulation.options import AS_DESCRIBED, Simulation
 from cobra.simulation.world import World
 
 log = logging.getLogger("cobra.robot")
+T = TypeVar("T")
 
 ORPHANED_S = 60.0
 TRUTH_RATE_Hz = 50.0
@@ -72,17 +76,35 @@ def run_robot(
         )
     endpoint = endpoint or f"tcp/127.0.0.1:{runtime.any_free_port()}"
     clock = SystemClock()
+    trail = AuditTrail(description.name)
+    trail.start()
+    deeds = RobotDeeds(trail)
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     with open_bus(description, clock, can_log) as bus:
         world = _world(description)
-        link = RobotLink(description.name, endpoint, _meta(robot, world), router, access)
+        link = RobotLink(
+            description.name,
+            endpoint,
+            _meta(robot, world),
+            router,
+            access,
+            audit=lambda: msgspec.msgpack.encode(trail.tail()),
+        )
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
-        loop = RobotLoop(description, bus, clock, link.publish_state, link.publish_event, link.publish_heard, poses)
+        loop = RobotLoop(
+            description,
+            bus,
+            clock,
+            _both(link.publish_state, deeds.state),
+            link.publish_event,
+            _both(link.publish_heard, deeds.heard),
+            poses,
+        )
         poses.complain = loop.warn
         poses.start()
-        link.start(loop.inbox.command, loop.inbox.stop, loop.inbox.request, loop.inbox.length)
+        link.start(loop.inbox.command, _both(loop.inbox.stop, deeds.stopped), loop.inbox.request, loop.inbox.length)
         runtime.register("robot", description.name, endpoint)
         watch = _Watch(link, lambda: loop.abandon(leave_when_orphaned), orphaned_s)
         helpers = [
@@ -102,7 +124,16 @@ def run_robot(
                 helper.join(1.0)
             poses.stop()
             link.stop()
+            trail.stop()
     return 0
+
+
+def _both(first: Callable[[T], None], second: Callable[[T], None]) -> Callable[[T], None]:
+    def call(value: T) -> None:
+        first(value)
+        second(value)
+
+    return call
 
 
 class _Watch:

@@ -57,7 +57,7 @@ class Command(Message, frozen=True, kw_only=True):
 
 
 class Request(Message, frozen=True, kw_only=True):
-    """Something that is asked once and answered: a lease (acquire, retain, release, take), or an act of the driver's
+    """Something that is asked once and answered: a lease (see `cobra.control.lease_requests`), or an act of the driver's
     (arm, disarm, home, clear the stop, quit, and what parts of the loop add; see `cobra.control.requests`)."""
 
     what: str
@@ -138,6 +138,10 @@ class Lease(Message, frozen=True, kw_only=True):
     holder: str = ""
     since: float = 0.0
     fresh: bool = False
+    asking: tuple[str, ...] = ()
+    """Who asks the holder for the controls."""
+    kept_for: str = ""
+    """To whom the holder has just given them; nobody else can acquire them for a moment."""
 
 
 Rigidity = Literal["none", "continuum", "locking", "rigid", "unlocking"]

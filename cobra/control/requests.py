@@ -6,13 +6,13 @@ from collections.abc import Callable
 import msgspec
 
 from cobra.control.authority import Authority
+from cobra.control.lease_requests import LeaseRequests
 from cobra.control.supervisor import Health
 from cobra.messages import Event, Reply, Request, decode
 
 Act = Callable[[Request, float, Health], Reply]
 """Carries out a request of the driver: (request, now [s], health) → reply. The reply's epoch is filled in here."""
 
-LEASE_REQUESTS = ("acquire", "take", "retain", "release")
 MARKER_LENGTH = 200
 """Characters of a marker's text that are kept."""
 
@@ -26,7 +26,7 @@ class Requests:
         self.acts: dict[str, Act] = {}
         self.malformed: Counter[str] = Counter()
         self._authority = authority
-        self._lose_driver = lose_driver
+        self._leases = LeaseRequests(authority, lose_driver, announce)
         self._announce = announce
 
     def answer(self, data: bytes, now_s: float, health: Health) -> Reply:
@@ -36,8 +36,8 @@ class Requests:
         except msgspec.MsgspecError:
             self.malformed["malformed request"] += 1
             return Reply(ok=False, reasons=("the request could not be read",))
-        if request.what in LEASE_REQUESTS:
-            return self._answer_lease(request, now_s)
+        if request.what in self._leases.acts:
+            return self._leases.answer(request, now_s)
         if request.what == "mark":
             return self._mark(request, now_s)
         act = self.acts.get(request.what)
@@ -53,22 +53,3 @@ class Requests:
         by = f" ({request.who})" if request.who else ""
         self._announce(Event(stamp=now_s, level="marker", text=f"{request.reason[:MARKER_LENGTH] or 'Marker'}{by}"))
         return Reply(ok=True, epoch=self._authority.epoch)
-
-    def _answer_lease(self, request: Request, now_s: float) -> Reply:
-        authority = self._authority
-        if request.what == "retain":
-            ok = authority.retain(request.lease, now_s)
-            return Reply(ok=ok, epoch=authority.epoch, reasons=() if ok else ("this lease is over",))
-        if request.what == "release":
-            ok = authority.release(request.lease)
-            if ok:
-                self._lose_driver()
-            return Reply(ok=ok, epoch=authority.epoch)
-        take = authority.take if request.what == "take" else authority.acquire
-        lease = take(request.who, now_s)
-        if lease is None:
-            holder = authority.lease(now_s).holder
-            return Reply(ok=False, reasons=(f"{holder} drives",), epoch=authority.epoch)
-        self._lose_driver()
-        self._announce(Event(stamp=now_s, level="info", text=f"{request.who or 'somebody'} took the controls"))
-        return Reply(ok=True, lease=lease, epoch=authority.epoch)
