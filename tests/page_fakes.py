@@ -15,6 +15,7 @@ from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN, PAD_MAP
 from app.console.page_socket import Asker
 from app.console.page_state import Answer, Snapshot, Welcome
+from app.people.audit import Deed
 
 TENDONS = [f"{side}{section}" for section in (1, 2, 3) for side in "SENW"]
 
@@ -62,7 +63,9 @@ class FakeSession:
             "reasons": [],
             "homed": True,
             "link": {"ok": True, "robot": True, "age_ms": 6.2},
-            "lease": {"holder": "console", "since_s": 12.0, "fresh": True},
+            "lease": {"holder": "console", "since_s": 12.0, "fresh": True, "asking": []},
+            "seat": {"shared": True, "page": "", "console_pad": True},
+            "people": [{"name": "host", "role": "admin"}],
             "driver": "",
             "pad": {
                 "name": "",
@@ -128,6 +131,15 @@ class FakeSession:
             self.texts.append(text)
             self.seen.notify_all()
         return self.answer(what, value)
+
+    def opened(self, asker: Asker) -> None:
+        pass
+
+    def closed(self, page: str) -> None:
+        pass
+
+    async def audit(self) -> list[Deed]:
+        return [Deed(time="2026-01-02T03:04:05.678Z", who="anna", what="took the controls")]
 
     def note_session(self, what: str, name: str, address: str) -> None:
         with self.seen:

@@ -27,8 +27,10 @@ from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
 from app.console.robot_connection import RobotConnection
 from app.console.robot_keeper import RobotKeeper
+from app.console.seat import PAD, Seat
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
+from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
 from app.people.users import Users
 from app.recording import storage
@@ -40,8 +42,6 @@ from cobra.simulation.options import AS_DESCRIBED, Simulation
 log = logging.getLogger("cobra.console")
 SWITCH_INTERVAL_S = 0.0005
 PRECEDENCE = 20
-PAD = "pad"
-"""Key of the pad among the pilot's sources."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,15 +127,18 @@ class Console:
     ) -> None:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
-        pilot = Pilot(description, clock)
+        seat = Seat(getpass.getuser(), shared=not welcome.sessions.sign_in_needed)
+        pilot = Pilot(description, clock, admits=seat.admits)
         driver = Driver(
-            getpass.getuser(),
+            seat,
             pilot,
             lambda: robot.link,
             clock,
             robot.warn,
             recorder.sent if recorder else lambda wanted, command: None,
         )
+        trail = AuditTrail(description.name)
+        trail.start()
 
         def pad_changed(controls: Controls) -> None:
             pilot.update(PAD, controls)
@@ -151,6 +154,7 @@ class Console:
             pilot=pilot,
             driver=driver,
             pad=pad,
+            trail=trail,
             versions=meta.versions,
             quit_console=self.quit,
             clock=clock,
@@ -169,7 +173,7 @@ class Console:
         )
         door.start()
         runtime.register("console", description.name, door.url)
-        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer]
+        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer, trail]
         try:
             driver.start()
             if pad:

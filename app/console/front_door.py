@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Unpack
 
+import msgspec
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
@@ -99,6 +100,7 @@ class FrontDoor(WebServer):
         return (
             page_route("/", "index.html"),
             Route("/healthz", self._health),
+            Route("/audit", self._audit),
             Route("/stop", self._stop_by_post, methods=["POST"]),
             WebSocketRoute("/ws", self._pages.serve),
             *viewer_routes(self._proxy),
@@ -113,6 +115,9 @@ class FrontDoor(WebServer):
         return JSONResponse(
             {"ok": True, "pages": self._pages.pages, "viewers": self._proxy.viewers, "counts": dict(self.counts)}
         )
+
+    async def _audit(self, request: Request) -> Response:
+        return JSONResponse(msgspec.to_builtins(await self._session.audit()))
 
     async def _stop_by_post(self, request: Request) -> Response:
         return await stop_by_post(request, self._pages)

@@ -21,6 +21,7 @@ from app.console.doorkeeper import PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
+from app.people.audit import Deed
 from app.people.roles import at_least, may_ask
 from app.people.sessions import Visitor
 
@@ -43,7 +44,22 @@ SESSION_OVER = 4401
 Axis = Annotated[float, Meta(ge=-1, le=1)]
 Trigger = Annotated[float, Meta(ge=0, le=1)]
 Counting = Annotated[int, Meta(ge=0, le=2**53)]
-What = Literal["arm", "disarm", "home", "clear", "stop", "quit", "restart_robot", "section", "speed", "lock", "unlock"]
+SeatRequest = Literal["acquire", "release", "take", "ask", "withdraw", "grant", "refuse", "console_pad"]
+What = Literal[
+    SeatRequest,
+    "arm",
+    "disarm",
+    "home",
+    "clear",
+    "stop",
+    "quit",
+    "restart_robot",
+    "section",
+    "speed",
+    "lock",
+    "unlock",
+    "mark",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -70,8 +86,21 @@ class PageSession(Protocol):
     def gone(self, page: str) -> None:
         """The page closed or fell silent: its input has ended."""
 
+    def opened(self, asker: Asker) -> None:
+        """A page was opened by somebody."""
+
+    def closed(self, page: str) -> None:
+        """The page is gone for good, after `gone`."""
+
     def act(self, asker: Asker, what: What, value: int | None, text: str) -> Answer | Awaitable[Answer]:
-        """A request that the asker's role allows. `value` is the index for section and speed, else None."""
+        """A request that the asker's role allows.
+
+        `value` is the index for section and speed, and 1 or 0 for console_pad; `text` is the reason for take, the name
+        for grant and refuse, and the note for mark.
+        """
+
+    def audit(self) -> Awaitable[list[Deed]]:
+        """The newest deeds of the audit trail, oldest first."""
 
     def note_session(self, what: str, name: str, address: str) -> None:
         """For the audit trail: who signed in or out or was refused (then `name` is empty), from which address."""
@@ -123,6 +152,7 @@ class PageSocket:
         await websocket.accept()
         page = _Page(next(self._names), websocket.scope[VISITOR], websocket, self)
         self.pages += 1
+        self.session.opened(Asker(page.name, page.visitor))
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(page.listen(group))
@@ -236,6 +266,7 @@ class _Page:
         """The page's input ends with it."""
         self._expect(None)
         self._socket.session.gone(self.name)
+        self._socket.session.closed(self.name)
 
     def _count(self, reason: str) -> None:
         self._socket.counts[reason] += 1

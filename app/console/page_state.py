@@ -41,6 +41,22 @@ class LeaseState(TypedDict):
     holder: str
     since_s: Number
     fresh: bool
+    asking: list[str]
+    """Who asks for the controls."""
+
+
+class SeatState(TypedDict):
+    """Who holds the lease through this console: the page `page`, or with `shared` whoever comes."""
+
+    shared: bool
+    page: str
+    console_pad: bool
+    """Whether the pad plugged into the console's computer drives."""
+
+
+class Person(TypedDict):
+    name: str
+    role: Role
 
 
 class Bend(TypedDict):
@@ -105,6 +121,9 @@ class Snapshot(TypedDict):
     homed: bool
     link: LinkState
     lease: LeaseState
+    seat: SeatState
+    people: list[Person]
+    """Who has a page open."""
     driver: str
     """Whose input drives: "pad", the name of a page (`Welcome.page`), or empty for nobody's."""
     pad: Pad

@@ -6,6 +6,7 @@ end of a drive, whatever its cause, asks the same of everybody: release, centre,
 
 import threading
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -88,7 +89,15 @@ class _Source:
 class Pilot:
     """Arbiter between the pad and the pages. Safe from any thread; has none of its own."""
 
-    def __init__(self, description: RobotDescription, clock: Clock, profile: Profile | None = None) -> None:
+    def __init__(
+        self,
+        description: RobotDescription,
+        clock: Clock,
+        profile: Profile | None = None,
+        admits: Callable[[str], bool] = lambda source: True,
+    ) -> None:
+        """`admits` says whether a source, by its key, is the driver's: others can only STOP."""
+        self._admits = admits
         self._description = description
         self._clock = clock
         self._profile = profile or Profile()
@@ -145,8 +154,8 @@ class Pilot:
     def select(self, key: str, section: int | None = None, level: int | None = None) -> str:
         """Choose section or speed level by index; returns why it was refused, or an empty string."""
         with self._lock:
-            if self._driver not in ("", key):
-                return f"{self._driver} drives"
+            if self._driver not in ("", key) or not self._admits(key):
+                return f"{self._driver} drives" if self._driver else "take the controls first"
             chosen = self._selection
             if section is not None:
                 if section not in self._description.active_sections:
@@ -205,6 +214,9 @@ class Pilot:
         if unfit:
             self._lose(key, unfit)
             return
+        if not self._is_drivers(key):
+            source.stage = "release"
+            return
         if self._driver in ("", key):
             self._selection = mapped.selection
         at_rest = centred(controls, self._profile)
@@ -239,6 +251,8 @@ class Pilot:
     def _check(self, now: float) -> None:
         """What time alone changes."""
         for key, source in self._sources.items():
+            if source.stage == "driving":
+                self._is_drivers(key)
             if source.stage in ("pressed", "driving") and (unfit := self._unfit(source, now)):
                 self._lose(key, unfit)
             self._engage(key, source, now)
@@ -260,6 +274,14 @@ class Pilot:
         if moving and source.device is not None and source.watch.frozen():
             return "does not change any more, as if it were frozen"
         return ""
+
+    def _is_drivers(self, key: str) -> bool:
+        """Whether the source may drive; the drive of one that may no more ends here."""
+        if self._admits(key):
+            return True
+        if self._driver == key:
+            self._lose(key, "is not the driver's any more")
+        return False
 
     def _lose(self, key: str, why: str) -> None:
         if self._driver == key:
@@ -289,6 +311,8 @@ class Pilot:
             return "drives"
         if unfit := self._unfit(source, now):
             return f"{self._name(key)} {unfit}"
+        if not self._admits(key):
+            return "it is not chosen to drive; STOP acts" if source.device else "take the controls to drive; STOP acts"
         if self._driver:
             return f"{self._name(self._driver)} drives; only STOP acts from here"
         at_rest = centred(source.controls, self._profile)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from app.console.robot_keeper import RobotKeeper, RobotStartError
 from app.link import ConsoleLink
 from app.link_access import LinkError
+from app.people.audit import Deed
 from cobra.messages import Event, Meta, Reply, RobotState
 
 FIRST_STATE_S = 15.0
@@ -71,6 +72,10 @@ class RobotConnection:
         """Put a warning of the console's own among the robot's events."""
         state = self.latest()
         self.events.append(Event(stamp=state.stamp if state else 0.0, level="warning", text=text))
+
+    def audit(self) -> list[Deed]:
+        """The newest deeds of the robot's audit trail, oldest first."""
+        return self.link.audit() if self.link else []
 
     def rate(self) -> float:
         """States that reached us lately [Hz]; call it regularly."""

@@ -3,6 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+from app.console.page_socket import SeatRequest
+from app.console.page_state import SeatState
+from app.console.seat import Occupant
+from app.people.audit import Deed
 from cobra.messages import Event, Reply, Request, RobotState
 
 
@@ -26,6 +30,9 @@ class SeenRobot(Protocol):
     def rate(self) -> float:
         """States that reached us lately [Hz]; called regularly."""
 
+    def audit(self) -> list[Deed]:
+        """The newest deeds of the robot's audit trail, oldest first. Waits for its answer."""
+
     def restart(self) -> Reply:
         """End what is left of the robot process and start it anew, disarmed."""
 
@@ -43,5 +50,15 @@ class Seat(Protocol):
     def halt(self, who: str, reason: str = "") -> None:
         """STOP. Safe from any thread."""
 
-    def ask(self, request: Request) -> Reply:
-        """Make a request of the robot."""
+    def ask(self, request: Request, asker: Occupant) -> Reply:
+        """Make a request of the robot. Waits for its answer."""
+
+    def change(self, asker: Occupant, what: SeatRequest, text: str, yes: bool) -> Reply:
+        """Take the controls, give them, ask for them, choose the pad. `text`: the reason for take, the name for grant
+        and refuse; `yes`: for console_pad. Waits for the robot's answer."""
+
+    def vacate(self, page: str) -> None:
+        """A page is gone for good, and with it what it held and asked for."""
+
+    def seat_state(self) -> SeatState:
+        """Who holds the controls through this console."""

@@ -1,7 +1,6 @@
 """What the operator's pages see and may ask for: the console as the front door knows it."""
 
 import asyncio
-import logging
 import math
 import threading
 from collections.abc import Awaitable, Callable
@@ -20,20 +19,23 @@ from app.console.page_state import (
     EventLine,
     LockState,
     Pad,
+    Person,
     RecordingState,
     Snapshot,
     Welcome,
 )
 from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
+from app.console.seat import Occupant
 from app.console.seen import Seat, SeenRobot
+from app.people.audit import AuditTrail, Deed
+from app.people.sessions import Visitor
 from cobra.clock import Clock
 from cobra.description import RobotDescription
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.messages import Drives, Reply, Request, RobotState
 
-log = logging.getLogger("cobra.console")
 SHOWN_EVENTS = 8
 STALE_S = 0.5
 
@@ -54,6 +56,7 @@ class ConsoleSession:
         clock: Clock,
         danger: str = "",
         recorder: RecorderProcess | None = None,
+        trail: AuditTrail | None = None,
     ) -> None:
         """`danger`: what everybody has to know about how the page is served; empty when it is as it should be."""
         self._description = description
@@ -63,6 +66,8 @@ class ConsoleSession:
         self._pilot = pilot
         self._driver = driver
         self._pad = pad
+        self._trail = trail
+        self._people: dict[str, Visitor] = {}
         self._versions = versions
         self._quit = quit_console
         self._clock = clock
@@ -109,7 +114,10 @@ class ConsoleSession:
                 "holder": state.lease.holder if state else "",
                 "since_s": _number(state.stamp - state.lease.since) if state and state.lease.holder else None,
                 "fresh": bool(state and state.lease.fresh),
+                "asking": list(state.lease.asking) if state else [],
             },
+            "seat": self._driver.seat_state(),
+            "people": self._present(),
             "driver": pilot.driver,
             "pad": self._pad_state(),
             "mode": state.mode if state else "section",
@@ -135,6 +143,13 @@ class ConsoleSession:
         self._pilot.detach(page)
         self._driver.wake()
 
+    def opened(self, asker: Asker) -> None:
+        self._people[asker.page] = asker.visitor
+
+    def closed(self, page: str) -> None:
+        self._people.pop(page, None)
+        self._workers.submit(self._driver.vacate, page)
+
     def act(self, asker: Asker, what: What, value: int | None, text: str) -> Answer | Awaitable[Answer]:
         page = asker.page
         match what:
@@ -150,11 +165,24 @@ class ConsoleSession:
                 return _yes()
             case "restart_robot":
                 return self._later(self._robot.restart)
+            case "acquire" | "release" | "take" | "ask" | "withdraw" | "grant" | "refuse" | "console_pad":
+                who = Occupant(asker.visitor.name, page)
+                return self._later(lambda: self._driver.change(who, what, text, bool(value)))
             case _:
-                return self._later(lambda: self._driver.ask(Request(what=what)))
+                who = Occupant(asker.visitor.name, page)
+                return self._later(lambda: self._driver.ask(Request(what=what, reason=text), who))
+
+    def _present(self) -> list[Person]:
+        """Everybody who has a page open, once."""
+        everybody = {visitor.name: visitor.role for visitor in list(self._people.values())}
+        return [Person(name=name, role=role) for name, role in sorted(everybody.items())]
+
+    def audit(self) -> Awaitable[list[Deed]]:
+        return asyncio.get_running_loop().run_in_executor(self._workers, self._robot.audit)
 
     def note_session(self, what: str, name: str, address: str) -> None:
-        log.info("%s: %s from %s", what, name or "somebody", address)
+        if self._trail:
+            self._trail.note(name, what, f"from {address}")
 
     async def _later(self, ask: Callable[[], Reply]) -> Answer:
         reply = await asyncio.get_running_loop().run_in_executor(self._workers, ask)

@@ -13,6 +13,7 @@ import msgspec
 import zenoh
 
 from app.link_access import LinkAccess, LinkError, open_session
+from app.people.audit import Deed
 from cobra.messages import Event, Meta, Reply, RobotState, Stop, decode, encode
 
 META_TIMEOUT_S = 2.0
@@ -79,6 +80,10 @@ class WatchedRobot:
             LinkError: it does not answer.
         """
         return self._feed.meta(self.name)
+
+    def audit(self) -> list[Deed]:
+        """The trail stays with the robot and its own console."""
+        return []
 
     def restart(self) -> Reply:
         """Refused: only the console beside the robot process can."""

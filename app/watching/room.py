@@ -2,8 +2,10 @@
 
 import threading
 
-from app.console.page_socket import PageSocket
+from app.console.page_socket import PageSocket, SeatRequest
+from app.console.page_state import SeatState
 from app.console.pilot import Pilot
+from app.console.seat import Occupant
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
 from app.console.viewer_proxy import ViewerProxy
@@ -11,6 +13,8 @@ from app.watching.feeds import WatchedRobot
 from cobra.clock import SystemClock
 from cobra.loading import parse_description
 from cobra.messages import Reply, Request
+
+ONLY_WATCHES = Reply(ok=False, reasons=("this console only watches",))
 
 
 class Spectator:
@@ -26,8 +30,17 @@ class Spectator:
     def halt(self, who: str, reason: str = "") -> None:
         self._robot.stop(who, reason)
 
-    def ask(self, request: Request) -> Reply:
-        return Reply(ok=False, reasons=("this console only watches",))
+    def ask(self, request: Request, asker: Occupant) -> Reply:
+        return ONLY_WATCHES
+
+    def change(self, asker: Occupant, what: SeatRequest, text: str, yes: bool) -> Reply:
+        return ONLY_WATCHES
+
+    def vacate(self, page: str) -> None:
+        """A page of a watching console holds nothing."""
+
+    def seat_state(self) -> SeatState:
+        return SeatState(shared=False, page="", console_pad=False)
 
 
 class Room:

@@ -101,7 +101,7 @@ def test_signing_in_gives_a_cookie_that_scripts_cannot_read(door: FrontDoor, peo
 def test_signing_out_ends_the_session_wherever_its_cookie_went(door: FrontDoor, people: Any) -> None:
     cookie = cookie_of(door.port, people["driver"])
     with PageClient(door.port, cookie) as page:
-        ticket = page.welcome["view"]
+        ticket = "/" + page.welcome["view"]
         assert fetch(door, "POST", "/sign-out", cookie=cookie)[0] == 303
         assert fetch(door, "GET", "/", cookie=cookie)[0] == 303
         assert fetch(door, "GET", ticket)[0] == 401
@@ -194,7 +194,7 @@ def test_neither_tokens_nor_cookies_are_logged(
     cookie = cookie_of(door.port, (name, token))
     sign_in(door, token, name)  # in the wrong fields
     with PageClient(door.port, cookie) as page:
-        fetch(door, "GET", page.welcome["view"])
+        fetch(door, "GET", "/" + page.welcome["view"])
     ours = "\n".join(record.getMessage() for record in caplog.records if not record.name.startswith("websockets"))
     for secret in (token, cookie.partition("=")[2], page.welcome["view"].strip("/").rpartition("~")[2]):
         assert secret not in ours
@@ -297,7 +297,7 @@ def test_a_reader_that_takes_nothing_is_cut_off_and_holds_nobody_up(
 
 def test_the_views_ticket_opens_the_view_and_nothing_else(door: FrontDoor, people: Any) -> None:
     with PageClient(door.port, cookie_of(door.port, people["viewer"])) as page:
-        ticket = page.welcome["view"]
+        ticket = "/" + page.welcome["view"]
         assert fetch(door, "GET", ticket)[0] == 503, "let in; there is no viser behind this door"
         for path in (f"{ticket}../../static/js/page.js", f"{ticket}..%2f..%2fws", "/ws" + ticket, "/static" + ticket):
             assert fetch(door, "GET", path)[0] in (401, 404)
