@@ -35,6 +35,7 @@ from cobra.messages import (
     Request,
     RobotState,
     Stop,
+    Touch,
     decode,
     encode,
 )
@@ -191,6 +192,7 @@ class ConsoleLink:
         """When the newest state came [s, time.monotonic()]."""
         self.received = 0
         self.malformed = 0
+        self._truth = b""
         self.on_state: Callable[[RobotState], None] = lambda state: None
         """Called with every state, on the link's own thread: it must only put it aside."""
         self.events: deque[Event] = deque(maxlen=200)
@@ -211,6 +213,22 @@ class ConsoleLink:
             token = key(self._robot, f"console/{session.zid()}")
             self._token = session.liveliness().declare_token(token)
         self._command = _newest_only(session, key(self._robot, "command"))
+
+    def watch_truth(self) -> None:
+        """Also hear the twin's truth from now on, for `touch`."""
+        if self._session is not None:
+            self._subscribers.append(self._session.declare_subscriber(key(self._robot, "truth"), self._take_truth))
+
+    @property
+    def touch(self) -> Touch | None:
+        """What the twin's walls have to do with it, lately; None before the first, and without a twin."""
+        if not self._truth:
+            return None
+        try:
+            return decode(self._truth, Touch)
+        except msgspec.MsgspecError:
+            self.malformed += 1
+            return None
 
     def stop(self) -> None:
         if self._session is not None:
@@ -278,6 +296,9 @@ class ConsoleLink:
             self.received += 1
             self._changed.notify_all()
         self.on_state(state)
+
+    def _take_truth(self, sample: zenoh.Sample) -> None:
+        self._truth = sample.payload.to_bytes()
 
     def _take_event(self, sample: zenoh.Sample) -> None:
         try:

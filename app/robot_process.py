@@ -206,4 +206,5 @@ def _walls(environment: Environment) -> Walls:
         title=environment.title,
         vertices=environment.vertices.astype("<f4").tobytes(),
         faces=environment.faces.astype("<u4").tobytes(),
+        solid_from=len(environment.faces) if environment.solid_from is None else environment.solid_from,
     )

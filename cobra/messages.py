@@ -3,6 +3,7 @@
 Hosts share no clock. A stamp is the robot's own time; a command echoes the stamp of the last state its sender had seen.
 """
 
+import math
 from typing import Literal, TypeVar
 
 import msgspec
@@ -271,6 +272,24 @@ class Walls(Message, frozen=True, kw_only=True):
     """Float32, three a point [m], in the frame of the entry port."""
     faces: bytes
     """Uint32, three corners a triangle."""
+    solid_from: int
+    """The triangles from this one on are drawn solid, those before can be seen through."""
+
+
+Point = tuple[float, float, float]
+
+
+class Touch(Message, frozen=True, kw_only=True):
+    """Of the twin's truth what walls have to do with: for tests and for the 3D view, which says whose knowledge it is."""
+
+    contact_points: tuple[Point, ...] = ()
+    """Where walls press on the robot [m]."""
+    contact_forces: tuple[Point, ...] = ()
+    """On the robot [N]."""
+    clearance_m: float = math.inf
+    """From the body's skin to the nearest wall."""
+    clearance_points: tuple[Point, ...] = ()
+    """The nearest two points of body's axis and wall [m]."""
 
 
 class Meta(Message, frozen=True, kw_only=True):

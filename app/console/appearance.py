@@ -22,6 +22,11 @@ VIEW_CONE: Rgb = (255, 190, 70)
 PLATE: Rgb = (58, 66, 77)
 INTRODUCER: Rgb = (46, 53, 62)
 BOLT: Rgb = (112, 119, 128)
+WALL: Rgb = (64, 92, 116)
+WALL_NEAR, WALL_FAR = 0.05, 0.30
+"""Opacity of walls seen from outside, which stand before the robot, and from inside, which stand behind it."""
+BLADE: Rgb = (58, 66, 78)
+CONTACT: Rgb = (255, 128, 40)
 GHOST: Rgb = (24, 136, 236)
 TRAIL: Rgb = (96, 196, 255)
 STALE: Rgb = (84, 86, 90)

@@ -148,6 +148,11 @@ class Console:
         viewer = Viewer(description, robot.latest, options.frame_rate_Hz)
         viewer.start()
         meta = robot.start()
+        if meta.walls is not None:
+            viewer.surround(meta.walls, robot.touch)
+        for warning in meta.notes:
+            robot.warn(warning)
+            print(f"cobra-teleop: {warning}", file=sys.stderr)
         session = ConsoleSession(
             description=description,
             robot=robot,

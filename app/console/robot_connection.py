@@ -9,7 +9,7 @@ from app.console.robot_keeper import RobotKeeper, RobotStartError
 from app.link import ConsoleLink
 from app.link_access import LinkError
 from app.people.audit import Deed
-from cobra.messages import Event, Meta, Reply, RobotState
+from cobra.messages import Event, Meta, Reply, RobotState, Touch
 
 FIRST_STATE_S = 15.0
 RATE_WINDOW = 50
@@ -43,6 +43,8 @@ class RobotConnection:
         try:
             link.wait_for_state(FIRST_STATE_S)
             meta = link.meta()
+            if meta.walls is not None:
+                link.watch_truth()
         except LinkError:
             link.stop()
             raise
@@ -63,6 +65,10 @@ class RobotConnection:
     def latest(self) -> RobotState | None:
         """The newest state, also of a process that is gone by now."""
         return self._link.latest if self._link else None
+
+    def touch(self) -> Touch | None:
+        """What the twin's walls have to do with it; None without walls."""
+        return self._link.touch if self._link else None
 
     def age(self) -> float:
         """Seconds since the newest state arrived; inf before the first."""

@@ -19,14 +19,17 @@ from app.console.client_view import ClientView
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
 from app.console.scene import BadStateError, Scene
+from app.console.simulated_walls import SimulatedWalls
 from app.console.viewer_guard import guarded
 from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
-from cobra.messages import RobotState
+from cobra.messages import RobotState, Touch, Walls
 
 log = logging.getLogger("cobra.viewer")
 HOST = "127.0.0.1"
 PANEL_PERIOD_S = 0.2
+WALLS_EVERY = 3
+"""Contacts are drawn every so many frames."""
 RATE_FRAMES = 60
 """Frames over which the frame rate is taken."""
 
@@ -59,6 +62,9 @@ class Viewer:
         self._next_panels = self._next_sample = 0.0
         self.secret = secrets.token_urlsafe(32)
         """viser answers only who shows this: the front door. Loopback is open to every user of this machine."""
+        self._walls: SimulatedWalls | None = None
+        self._touch: Callable[[], Touch | None] = lambda: None
+        self._number = 0
         self.errors: Counter[str] = Counter()
         """States and viewers that could not be served, by reason."""
 
@@ -100,6 +106,12 @@ class Viewer:
         self._server.on_client_connect(self._welcome)
         self._server.on_client_disconnect(self._farewell)
 
+    def surround(self, walls: Walls, touch: Callable[[], Touch | None]) -> None:
+        """Draw what surrounds a simulated robot; `touch` is asked from now on. After `open`, from any thread."""
+        drawn = SimulatedWalls(self._running(), self._description, walls)
+        drawn.start()
+        self._touch, self._walls = touch, drawn
+
     def stop(self) -> None:
         """End the thread and close viser."""
         self._quit.set()
@@ -124,6 +136,10 @@ class Viewer:
         if drawn is not None and now >= self._next_sample:
             self._next_sample = now + SAMPLE_S
             self._counted("plot", lambda: self._history.add(drawn))
+        self._number += 1
+        if self._walls is not None and self._number % WALLS_EVERY == 0:
+            walls, touch = self._walls, self._touch()
+            self._counted("walls", lambda: walls.update(touch))
         panels = now >= self._next_panels
         if panels:
             self._next_panels = now + PANEL_PERIOD_S

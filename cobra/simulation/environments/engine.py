@@ -32,7 +32,9 @@ def engine_stage(d: RobotDescription) -> Environment:
     """Casing, hub, rotor and stator."""
     unit = d.active_length_m
     casing, hub = CASING_RADIUS * unit, HUB_RADIUS * unit
-    parts = [_casing(casing, unit, HOLE * d.backbone.diameter_m), _hub(casing, hub, unit)]
+    parts = [_casing(casing, unit, HOLE * d.backbone.diameter_m)]
+    seen_through = len(parts[0][1])
+    parts.append(_hub(casing, hub, unit))
     pitch = np.pi / BLADES
     count = int(SECTOR_RAD / pitch)
     rotor = np.arange(-count, count + 1) * pitch
@@ -40,7 +42,9 @@ def engine_stage(d: RobotDescription) -> Environment:
     tip = casing - TIP_GAP * unit
     parts += [_blade(casing, hub, tip, a, -ROW_AT * unit, CHORD * unit, 0.45, 1.05) for a in rotor]
     parts += [_blade(casing, hub, casing, a, ROW_AT * unit, CHORD * unit, -0.55, -0.25) for a in stator]
-    return Environment("engine-stage", "stage of a compressor, entered through its casing", *joined(parts))
+    return Environment(
+        "engine-stage", "stage of a compressor, entered through its casing", *joined(parts), seen_through
+    )
 
 
 def _around(axis_depth: float, radius: Floats, azimuth: Floats, axial: Floats) -> Floats:

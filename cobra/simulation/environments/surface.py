@@ -37,6 +37,8 @@ class Environment:
     """(n, 3) [m]"""
     faces: Indices
     """(m, 3) corners of the triangles. Contact is two-sided."""
+    solid_from: int | None = None
+    """For the eye: triangles from this one on are drawn solid, those before can be seen through; None is all of them."""
 
     def distance(self, points: Floats) -> tuple[Floats, Floats]:
         """Distance (k,) [m] of points (k, 3) from the surface, and the nearest places on it (k, 3).
