@@ -7,7 +7,7 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, motors_serve, record, recover, robot, router, simulate, users, watch
+from app.commands import check, logs, motors_serve, record, recover, robot, router, simulate, users, watch
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -37,6 +37,7 @@ COMMANDS = {
         motors_serve.COMMAND,
         simulate.COMMAND,
         check.COMMAND,
+        logs.COMMAND,
         *users.COMMANDS,
         watch.COMMAND,
         router.SERVE,

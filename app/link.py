@@ -17,7 +17,7 @@ cobra/<robot>/console/* liveliness tokens of its consoles
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 import msgspec
@@ -196,6 +196,8 @@ class ConsoleLink:
         self.on_state: Callable[[RobotState], None] = lambda state: None
         """Called with every state, on the link's own thread: it must only put it aside."""
         self.events: deque[Event] = deque(maxlen=200)
+        self.event_counts: Counter[str] = Counter()
+        """Events by level."""
 
     def start(self) -> None:
         """Connect.
@@ -302,7 +304,9 @@ class ConsoleLink:
 
     def _take_event(self, sample: zenoh.Sample) -> None:
         try:
-            self.events.append(decode(sample.payload.to_bytes(), Event))
+            event = decode(sample.payload.to_bytes(), Event)
+            self.events.append(event)
+            self.event_counts[event.level] += 1
         except msgspec.MsgspecError:
             self.malformed += 1
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import msgspec
 
-from app import places, runtime
+from app import logs, places, runtime
 from app.bus_routes import rerouted
 from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
@@ -24,7 +24,7 @@ from cobra.control.poses import PoseBook
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import Bus, RobotDescription
 from cobra.loading import description_text, load_description
-from cobra.messages import Meta, Walls
+from cobra.messages import Event, Meta, Walls
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
 from cobra.simulation.environments import Environment
@@ -68,6 +68,7 @@ def run_robot(
         DescriptionError, LinkError, BusError: with one clear line.
     """
     description = rerouted(_simulated(robot, simulation), routes)
+    logs.start(f"robot-{description.name}")
     ask_for_realtime(OTHERS_PRIORITY)
     if endpoint and not on_loopback(endpoint):
         raise LinkError(
@@ -98,7 +99,7 @@ def run_robot(
             bus,
             clock,
             _both(link.publish_state, deeds.state),
-            link.publish_event,
+            _announcing(link),
             _both(link.publish_heard, deeds.heard),
             poses,
         )
@@ -172,6 +173,17 @@ def _truth_publisher(world: World | None, link: RobotLink) -> Callable[[threadin
             link.publish_truth(msgspec.msgpack.encode(plant.truth(), enc_hook=lambda array: array.tolist()))
 
     return publish
+
+
+def _announcing(link: RobotLink) -> Callable[[Event], None]:
+    """Events go to the consoles and into the log."""
+    levels = {"info": logging.INFO, "warning": logging.WARNING, "alarm": logging.ERROR}
+
+    def announce(event: Event) -> None:
+        link.publish_event(event)
+        log.log(levels[event.level], event.text, extra={"stamp": event.stamp})
+
+    return announce
 
 
 def _simulated(robot: str, simulation: Simulation) -> RobotDescription:

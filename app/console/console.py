@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from app import runtime
+from app import logs, runtime
 from app.commands.command import as_options
 from app.console import listening
 from app.console.driver import Driver
@@ -30,6 +30,7 @@ from app.console.robot_keeper import RobotKeeper
 from app.console.seat import PAD, Seat
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
+from app.metrics import Metrics
 from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
 from app.people.users import Users
@@ -95,6 +96,7 @@ class Console:
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         description = load_description(options.robot)
         _refuse_a_second(description.name)
+        logs.start(f"console-{description.name}")
         recording = _recording_path(options, description.name)
         keeper = RobotKeeper(options.robot, description.name, _robot_options(options, recording))
         keeper.launch()
@@ -166,6 +168,9 @@ class Console:
             danger=welcome.danger,
             recorder=recorder,
         )
+        metrics = Metrics(
+            lambda: {description.name: robot}, lambda name: description, lambda: door.counts, lambda: door.people
+        )
         door = FrontDoor(
             options.host,
             port,
@@ -174,6 +179,7 @@ class Console:
             sessions=welcome.sessions,
             viewer_secret=viewer.secret,
             tls=welcome.tls,
+            metrics=metrics,
             names=own_names(options.host, options.names),
         )
         door.start()

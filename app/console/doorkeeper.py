@@ -21,6 +21,7 @@ PUBLIC = frozenset(
     {
         "/sign-in",
         "/healthz",
+        "/metrics",  # asks for a session, or for name and token, itself
         "/static/icon.svg",
         "/static/css/base.css",
         "/static/css/sign_in.css",

@@ -13,9 +13,11 @@ from starlette.staticfiles import StaticFiles
 
 from app.console.doorkeeper import VISITOR
 from app.console.page_socket import Asker, PageSession, PageSocket
+from app.console.scrape import Scrape
 from app.console.static_folder import static_folder
 from app.console.viewer_proxy import ViewerProxy
 from app.console.web_server import Door, WebServer
+from app.metrics import Metrics
 
 POLICY = "; ".join(
     (
@@ -53,6 +55,11 @@ def viewer_routes(proxy: ViewerProxy) -> tuple[BaseRoute, ...]:
     )
 
 
+def metrics_route(metrics: Metrics | None, server: WebServer) -> Sequence[BaseRoute]:
+    """`/metrics`, where there are any."""
+    return (Route("/metrics", Scrape(metrics, server.sessions, server.refused).answer),) if metrics else ()
+
+
 async def stop_by_post(request: Request, pages: PageSocket) -> Response:
     """STOP's second way: a page takes both at once, in case its websocket is dead without knowing it."""
     page, press = (request.query_params.get(name, "") for name in ("page", "press"))
@@ -72,6 +79,7 @@ class FrontDoor(WebServer):
         viewer_secret: what viser wants to see of whoever connects to it.
         door: names, TLS and sessions, as `WebServer` takes them.
         more: further routes, such as those of the recordings.
+        metrics: what Prometheus may scrape; None serves none.
     """
 
     def __init__(
@@ -82,6 +90,7 @@ class FrontDoor(WebServer):
         session: PageSession,
         more: Sequence[BaseRoute] = (),
         viewer_secret: str = "",
+        metrics: Metrics | None = None,
         **door: Unpack[Door],
     ) -> None:
         super().__init__(host, port, **door)
@@ -90,6 +99,12 @@ class FrontDoor(WebServer):
         self._pages = PageSocket(session)
         self._proxy = ViewerProxy(viewer_port, viewer_secret)
         self._more = more
+        self._metrics = metrics
+
+    @property
+    def people(self) -> dict[str, int]:
+        """Who is connected, by what they look at."""
+        return {"pages": self._pages.pages, "views": self._proxy.viewers}
 
     @property
     def counts(self) -> Counter[str]:
@@ -104,6 +119,7 @@ class FrontDoor(WebServer):
             Route("/stop", self._stop_by_post, methods=["POST"]),
             WebSocketRoute("/ws", self._pages.serve),
             *viewer_routes(self._proxy),
+            *metrics_route(self._metrics, self),
             *self._more,
             Mount("/static", StaticFiles(directory=static_folder())),
         )

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 
 from app.console.robot_keeper import RobotKeeper, RobotStartError
@@ -25,6 +25,8 @@ class RobotConnection:
         self._lock = threading.Lock()
         self._arrivals: deque[tuple[int, float]] = deque(maxlen=RATE_WINDOW)
         self.events: deque[Event] = deque(maxlen=200)
+        self.event_counts: Counter[str] = Counter()
+        """Events by level, also those before a restart."""
         self.present = False
         """Whether the robot process is there."""
         self.on_connect: Callable[[str], None] = lambda endpoint: None
@@ -38,7 +40,7 @@ class RobotConnection:
         """
         running = self._keeper.wait()
         link = ConsoleLink(self._name, running.endpoint, self._alive)
-        link.events = self.events
+        link.events, link.event_counts = self.events, self.event_counts
         link.start()
         try:
             link.wait_for_state(FIRST_STATE_S)
@@ -78,6 +80,7 @@ class RobotConnection:
         """Put a warning of the console's own among the robot's events."""
         state = self.latest()
         self.events.append(Event(stamp=state.stamp if state else 0.0, level="warning", text=text))
+        self.event_counts["warning"] += 1
 
     def audit(self) -> list[Deed]:
         """The newest deeds of the robot's audit trail, oldest first."""

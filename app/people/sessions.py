@@ -73,6 +73,10 @@ class Sessions:
             self._tickets[visitor.ticket] = visitor.session
         return visitor
 
+    def knows(self, name: str, token: str) -> bool:
+        """Whether name and token belong together; opens no session. Takes about 50 ms of one core."""
+        return self._users is not None and self._users.check(name, token) is not None
+
     def host(self) -> Visitor | None:
         """The visitor whom everybody is while there are no users, else None."""
         return self._host if self._open else None

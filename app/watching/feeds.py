@@ -4,9 +4,10 @@ Only the newest state of a robot is kept, as the bytes it came in, and is decode
 hundred robots at 50 Hz costs what its eyes take, not what the robots send.
 """
 
+import contextlib
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 
 import msgspec
@@ -14,6 +15,8 @@ import zenoh
 
 from app.link_access import LinkAccess, LinkError, open_session
 from app.people.audit import Deed
+from cobra.description import RobotDescription
+from cobra.loading import DescriptionError, parse_description
 from cobra.messages import Event, Meta, Reply, RobotState, Stop, decode, encode
 
 META_TIMEOUT_S = 2.0
@@ -29,9 +32,11 @@ class WatchedRobot:
         self.present = False
         """Whether the robot process is there."""
         self.events: deque[Event] = deque(maxlen=200)
+        self.event_counts: Counter[str] = Counter()
         self.malformed = 0
         self.received = 0
         self._feed = feed
+        self._described: RobotDescription | None = None
         self._newest: tuple[int, float, bytes] | None = None
         self._decoded: tuple[int, RobotState | None] = (-1, None)
         self._arrivals: deque[tuple[int, float]] = deque(maxlen=RATE_WINDOW)
@@ -43,9 +48,12 @@ class WatchedRobot:
 
     def take_event(self, data: bytes) -> None:
         try:
-            self.events.append(decode(data, Event))
+            event = decode(data, Event)
         except msgspec.MsgspecError:
             self.malformed += 1
+            return
+        self.events.append(event)
+        self.event_counts[event.level] += 1
 
     def latest(self) -> RobotState | None:
         """The newest state that could be decoded."""
@@ -84,6 +92,13 @@ class WatchedRobot:
     def audit(self) -> list[Deed]:
         """The trail stays with the robot and its own console."""
         return []
+
+    def described(self) -> RobotDescription | None:
+        """Its description, asked for once; None while it does not answer, or in a way that is not understood."""
+        if self._described is None:
+            with contextlib.suppress(LinkError, DescriptionError):
+                self._described = parse_description(self.meta().description, f"robot {self.name!r}")
+        return self._described
 
     def restart(self) -> Reply:
         """Refused: only the console beside the robot process can."""

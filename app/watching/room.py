@@ -109,6 +109,11 @@ class Rooms:
         """The room if it is open now."""
         return self._rooms.get(name)
 
+    @property
+    def visitors(self) -> int:
+        """Who is in any of them now."""
+        return sum(room.visitors for room in tuple(self._rooms.values()))
+
     def close_empty(self) -> None:
         """Close what nobody was in now and at the last call."""
         with self._lock:

@@ -6,10 +6,11 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-from app import runtime
+from app import logs, runtime
 from app.console import listening
 from app.console.listening import load_tls, own_names
 from app.link_access import DIRECT, LinkAccess
+from app.metrics import Metrics
 from app.people.sessions import Sessions
 from app.people.users import Users
 from app.watching.feeds import Feed, WatchedRobot
@@ -46,6 +47,7 @@ def run_watch(options: WatchOptions) -> int:
     endpoints = options.endpoints or _running_here()
     users, tls = Users(), load_tls(options.tls_cert, options.tls_key)
     danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
+    logs.start("watch")
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
@@ -57,12 +59,19 @@ def run_watch(options: WatchOptions) -> int:
         if not options.port or runtime.port_holder(options.port) is None
         else runtime.free_port(options.port + 1)
     )
+    metrics = Metrics(
+        lambda: dict(robots),
+        lambda name: robots[name].described(),
+        lambda: door.refused,
+        lambda: {"walls": door.walls, "pages": rooms.visitors},
+    )
     door = WatchDoor(
         options.host,
         port,
         robots,
         feeds,
         rooms,
+        metrics,
         names=own_names(options.host, options.names),
         sessions=Sessions(users, getpass.getuser(), most="viewer"),
         tls=tls,

@@ -15,9 +15,10 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.console.doorkeeper import PRESENT, VISITOR
-from app.console.front_door import page_route, stop_by_post
+from app.console.front_door import metrics_route, page_route, stop_by_post
 from app.console.static_folder import static_folder
 from app.console.web_server import Door, WebServer
+from app.metrics import Metrics
 from app.watching.feeds import Feed, WatchedRobot
 from app.watching.room import Room, Rooms
 from app.watching.wall import wall_of
@@ -40,12 +41,14 @@ class WatchDoor(WebServer):
         robots: dict[str, WatchedRobot],
         feeds: list[Feed],
         rooms: Rooms,
+        metrics: Metrics | None = None,
         **door: Unpack[Door],
     ) -> None:
         super().__init__(host, port, **door)
         self._robots = robots
         self._feeds = feeds
         self._rooms = rooms
+        self._metrics = metrics
         self.walls = 0
         """Walls that are open now."""
 
@@ -53,6 +56,7 @@ class WatchDoor(WebServer):
         return (
             page_route("/", "wall.html"),
             Route("/healthz", self._health),
+            *metrics_route(self._metrics, self),
             WebSocketRoute("/wall", self._tell_wall),
             page_route(f"{ROOM}/", "index.html"),
             Route(ROOM, lambda request: RedirectResponse(f"{request.url.path}/", 307)),
