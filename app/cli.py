@@ -7,7 +7,20 @@ from importlib import metadata
 
 import tyro
 
-from app.commands import check, logs, motors_serve, record, recover, robot, router, simulate, users, watch
+from app.commands import (
+    check,
+    logs,
+    motors_serve,
+    record,
+    recover,
+    replay,
+    robot,
+    router,
+    sessions,
+    simulate,
+    users,
+    watch,
+)
 from app.commands.drive import drive
 from cobra.errors import OperatorError
 
@@ -35,6 +48,8 @@ COMMANDS = {
         record.COMMAND,
         recover.COMMAND,
         motors_serve.COMMAND,
+        replay.COMMAND,
+        *sessions.COMMANDS,
         simulate.COMMAND,
         check.COMMAND,
         logs.COMMAND,

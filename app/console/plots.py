@@ -40,6 +40,12 @@ class History:
         self.channels = tuple(channel for channel in channels if channel.names)
         self._samples = {channel.title: np.zeros((POINTS, len(channel.names))) for channel in self.channels}
 
+    def forget(self) -> None:
+        """Begin anew."""
+        self._count = 0
+        for samples in self._samples.values():
+            samples[:] = 0.0
+
     def add(self, state: RobotState) -> None:
         """Append a sample. The state's lists must match the description. What is not known keeps its last value."""
         drives, description = state.drives, self._description

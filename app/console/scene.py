@@ -98,6 +98,10 @@ class Scene:
                 self._draw_trail()
         self._frame += 1
 
+    def forget(self) -> None:
+        """Begin the tip's path anew."""
+        self._trail.clear()
+
     def show_stale(self, age_s: float) -> None:
         """Grey the robot and say how old its last state is [s]; the next `update` brings it back."""
         self._set_live(False, f"no data for {age_s:.1f} s")

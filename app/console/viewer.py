@@ -4,6 +4,7 @@ It takes what is newest and skips what it missed. A state that cannot be drawn i
 """
 
 import logging
+import math
 import secrets
 import threading
 from collections import Counter, deque
@@ -43,8 +44,13 @@ class Viewer:
         latest: Callable[[], RobotState | None],
         rate_Hz: float = 30.0,
         clock: Clock | None = None,
+        stale_s: float = STALE_S,
     ) -> None:
-        """`latest` gives the newest state, or None before the first; it is called once a frame."""
+        """`latest` gives the newest state, or None before the first; it is called once a frame.
+
+        What has not changed for `stale_s` is drawn as lost.
+        """
+        self._stale_s = stale_s
         self._description = description
         self._latest = latest
         self._period_s = 1.0 / rate_Hz
@@ -124,6 +130,11 @@ class Viewer:
                 self._server.stop()
             self._server = None
 
+    def forget(self) -> None:
+        """Begin the histories anew: the tip's path and the plots."""
+        self._scene.forget()
+        self._history.forget()
+
     def step(self) -> None:
         """Draw one frame from the newest state. Nothing that a state holds can end it."""
         server, now = self._running(), self._clock.now()
@@ -152,7 +163,7 @@ class Viewer:
     def _draw(self, state: RobotState, now: float) -> bool:
         """Whether the state was drawn; one that is too old is not."""
         age = now - self._arrived
-        if age > STALE_S:
+        if age > self._stale_s:
             self._scene.show_stale(age)
             return False
         try:
@@ -179,7 +190,7 @@ class Viewer:
 
     def _timing(self, now: float) -> ViewTiming:
         return ViewTiming(
-            age_s=now - self._arrived if self._seen else float("inf"),
+            age_s=float("inf") if self._seen is None else 0.0 if math.isinf(self._stale_s) else now - self._arrived,
             frame_rate_Hz=self.frame_rate,
             frame_time_s=self._frame_time_s,
             viewers=self.viewers,

@@ -226,10 +226,16 @@ class Recording:
             except msgspec.MsgspecError:
                 self.warnings.append(f"{self.path.name}: its digest cannot be read; it is made anew")
             else:
-                self.start_ns = self.digest.started_ns or self.start_ns
+                self._take_times()
                 return
         self.digest = digest_of(self)
-        self.start_ns = self.digest.started_ns or self.start_ns
+        self._take_times()
+
+    def _take_times(self) -> None:
+        """From the first to the last of what the robot said; the recorder's own notes lie around it."""
+        if self.digest.states:
+            self.start_ns = self.digest.started_ns
+            self.end_ns = self.start_ns + round(self.digest.duration_s * 1e9)
 
 
 _MISSING: Final = {
