@@ -83,6 +83,7 @@ def run_robot(
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
+    believed = simulation.told(description) if _is_simulated(description) else description
     with open_bus(description, clock, can_log) as bus:
         world = _world(description)
         link = RobotLink(
@@ -95,7 +96,7 @@ def run_robot(
         )
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(
-            description,
+            believed,
             bus,
             clock,
             _both(link.publish_state, deeds.state),
@@ -184,6 +185,10 @@ def _announcing(link: RobotLink) -> Callable[[Event], None]:
         log.log(levels[event.level], event.text, extra={"stamp": event.stamp})
 
     return announce
+
+
+def _is_simulated(description: RobotDescription) -> bool:
+    return all(bus.interface == "cobra-sim" for bus in description.buses)
 
 
 def _simulated(robot: str, simulation: Simulation) -> RobotDescription:

@@ -157,6 +157,14 @@ class Tendon(_Part, frozen=True, kw_only=True):
         return self.axial_stiffness_N / (math.pi * self.diameter_m**2 / 4)
 
 
+class Compensation(_Part, frozen=True, kw_only=True):
+    """Stretch, friction and lost motion of the tendons taken out of what the drives are told."""
+
+    enabled: bool = True
+    parameters: str = ""
+    """File that `cobra-teleop identify friction` wrote; without one the description's numbers are taken."""
+
+
 class Motor(_Part, frozen=True, kw_only=True):
     """A type of drive: protocol, gear, scales and limits, all at the output shaft unless said otherwise."""
 
@@ -288,6 +296,7 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     backbone: Backbone
     sections: Annotated[tuple[Section, ...], Meta(min_length=1)]
     tendon: Tendon | None = None
+    compensation: Compensation | None = None
     twist: Twist | None = None
     feed: Feed | None = None
     motors: Annotated[tuple[Motor, ...], Meta(min_length=1)]

@@ -121,6 +121,28 @@ class Drives(Message, frozen=True, kw_only=True):
     """In words; empty when there is none."""
 
 
+CompensationState = Literal["none", "off", "on"]
+
+
+class Tendons(Message, frozen=True, kw_only=True):
+    """What is known of the tendons beyond their drives, in the order of the description; empty before homing."""
+
+    compensation: CompensationState = "none"
+    """Whether stretch, friction and play are taken out of what the drives are told."""
+    parameters: str = ""
+    """Where its numbers come from, in words."""
+    tension: tuple[float, ...] = ()
+    """At the spool [N], without the gear's friction."""
+    profile: tuple[tuple[float, ...], ...] = ()
+    """Of each tendon [N]: at motor, port and the end of each section; NaN beyond its own end."""
+    deviation: tuple[float, ...] = ()
+    """Standard deviation of each entry of `RobotState.measured` that tendons tell; 0 for the others."""
+    residual: tuple[float, ...] = ()
+    """Length that no shape explains [m]."""
+    warnings: tuple[str, ...] = ()
+    """In words, with what to do."""
+
+
 class Timing(Message, frozen=True, kw_only=True):
     """The loop's own timing over the last seconds [s]."""
 
@@ -228,6 +250,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     measured: tuple[float, ...] = ()
     """The same from motor feedback alone."""
     drives: Drives
+    tendons: Tendons = Tendons()
     drops: dict[str, int] = {}
     """Commands that were not obeyed, by reason."""
     bus: dict[str, int] = {}

@@ -8,6 +8,8 @@ from cobra.description import RobotDescription
 from cobra.loading import load_description
 from cobra.messages import Command, Event, Intent, Reply, Request, RobotState, encode
 from cobra.motors.open_bus import open_bus
+from cobra.simulation.losses import Losses
+from cobra.simulation.options import Simulation, TwinKind
 
 CHANNEL = "cobra"
 
@@ -16,14 +18,21 @@ class Bench:
     """The control loop on its twin, ticked by hand."""
 
     def __init__(
-        self, seed: int, twin: str = "default", robot: str = CHANNEL, description: RobotDescription | None = None
+        self,
+        seed: int,
+        twin: TwinKind = "default",
+        robot: str = CHANNEL,
+        description: RobotDescription | None = None,
+        losses: Losses = "off",
+        world: str = "free",
     ) -> None:
         description = description or load_description(robot)
-        options = {"twin": twin, "stepping": "inline", "seed": seed}
+        options = {"twin": twin, "stepping": "inline", "seed": seed, "losses": losses, "world": world}
         buses = tuple(
             msgspec.structs.replace(bus, channel=f"{robot}#{bus.name}", options=options) for bus in description.buses
         )
         self.description = msgspec.structs.replace(description, buses=buses)
+        self.believed = Simulation(twin=twin, losses=losses, seed=seed).told(self.description)
         self.clock = ManualClock()
         self.states: list[RobotState] = []
         self.events: list[Event] = []
@@ -32,7 +41,7 @@ class Bench:
     def __enter__(self):
         self._bus = open_bus(self.description, self.clock)
         self._bus.open()
-        self.loop = RobotLoop(self.description, self._bus, self.clock, self.states.append, self.events.append)
+        self.loop = RobotLoop(self.believed, self._bus, self.clock, self.states.append, self.events.append)
         reply = self.ask(Request(what="acquire", who="test"))
         self.lease, self.epoch = reply.lease, reply.epoch
         return self

@@ -41,7 +41,7 @@ class SimulationArguments:
             help="Friction, lost motion and stiffness of the default twin: drawn within 30 percent of the description's, "
             "just as described, or no friction and no lost motion."
         ),
-    ] = "off"
+    ] = "nominal"
     seed: Annotated[int, tyro.conf.arg(help="What is drawn; another seed is another robot of the same kind.")] = 0
     world: Annotated[
         str,

@@ -38,6 +38,12 @@ class DriveLimits:
         """Travel inside the described range, whatever asked for it."""
         return np.clip(travel, self._low, self._high)
 
+    def paced(self, travel: Floats, target: Floats, dt_s: float) -> Floats:
+        """The way from `travel` to `target` that the drives' speeds allow in a tick, all scaled alike, inside the range."""
+        step = self.clamp(target) - travel
+        fastest = float(np.max(np.abs(step) / (self._speed * dt_s), initial=0.0))
+        return self.clamp(travel + step / max(fastest, 1.0))
+
     def allow(self, travel: Floats, step: Floats, load: Floats, dt_s: float) -> Allowed:
         """How much of `step` [travel units] may be made from `travel`, given the measured `load` of the drives."""
         if not np.all(np.isfinite(step)):

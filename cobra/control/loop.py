@@ -27,6 +27,7 @@ from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import drives_report, health_of
 from cobra.control.requests import Requests
 from cobra.control.supervisor import Drive, Health, Supervisor
+from cobra.control.tendon_control import TendonControl
 from cobra.control.timing import LoopTiming
 from cobra.control.witness import Witness
 from cobra.description import RobotDescription
@@ -79,6 +80,8 @@ class RobotLoop:
         self._witness = Witness(testify)
         self._announce = announce
         self.drivetrain = Drivetrain(description, bus)
+        self.tendons = TendonControl(self.drivetrain)
+        self.requests.acts.update(compensation=self._compensate)
         self._limits = DriveLimits(description)
         self._timing = LoopTiming(self.period_s)
         self._homing: Homing | None = None
@@ -243,7 +246,7 @@ class RobotLoop:
         self.drivetrain.exchange(None)
         self._start_from_measured(self.drivetrain.feedback)
         if not self.supervisor.homed:
-            self._homing = Homing(self.description, self.drivetrain.tendons.bending)
+            self._homing = Homing(self.description)
         self.supervisor.armed()
         return Reply(ok=True)
 
@@ -252,7 +255,7 @@ class RobotLoop:
             return Reply(ok=False, reasons=("arm it first; homing needs the drives on and standing still",))
         if health.blocking:
             return Reply(ok=False, reasons=health.blocking)
-        self._homing = Homing(self.description, self.drivetrain.tendons.bending)
+        self._homing = Homing(self.description)
         self.supervisor.start_homing()
         return Reply(ok=True)
 
@@ -262,9 +265,10 @@ class RobotLoop:
             rest = self.drivetrain.travel_of(self.motion.configuration.rest())
             self.drivetrain.transmission.refer(feedback.angle, rest)
         self._setpoint = self.drivetrain.transmission.travel(feedback.angle)
-        self.motion.reset(self.drivetrain.q_of(self._setpoint, self.motion.q))
+        self.motion.reset(self._measured())
+        self.tendons.resume(self.motion.q)
         self.locking.reset(self.motion.q)
-        self._bias = self._setpoint - self.drivetrain.travel_of(self.motion.q)
+        self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
 
     def _switch_off(self, hold: bool = False) -> None:
         """No more setpoints; the drives lose their torque, or with `hold` keep standing where they are."""
@@ -275,6 +279,8 @@ class RobotLoop:
     # ------------------------------------------------------------------ setpoints
 
     def _next_setpoint(self, moving: bool) -> Floats | None:
+        holds = self._setpoint is not None and self.supervisor.phase in ("ready", "driving", "holding")
+        self.tendons.observe(self.motion.q, self.motion.velocity, self.period_s, holds)
         if self._abandoned:
             return self._step_final()
         if self._setpoint is None:
@@ -303,6 +309,7 @@ class RobotLoop:
         self.motion.reset(home)
         self.locking.reset(home)
         self._bias = np.zeros_like(self._bias)
+        self.tendons.homed(rest)
         self.supervisor.homing_done()
         return rest
 
@@ -330,17 +337,28 @@ class RobotLoop:
             q, velocity = restrained, (restrained - self.motion.q) / self.period_s
         if moving:
             self._bias = np.sign(self._bias) * np.maximum(np.abs(self._bias) - BIAS_RATE * self.period_s, 0.0)
-        target = self.drivetrain.travel_of(q) + self._bias
-        load = self.drivetrain.loads()
-        allowed = self._limits.allow(setpoint, target - setpoint, load, self.period_s)
-        self._limited = allowed.reason
-        if allowed.scale < 1.0:
-            q = self.motion.q + allowed.scale * (q - self.motion.q)
-            velocity = velocity * allowed.scale
-            target = setpoint + allowed.scale * (target - setpoint)
+        step = self.drivetrain.travel_of(q) - self.drivetrain.travel_of(self.motion.q)
+        allowed = self._limits.allow(setpoint, step, self.tendons.loads(), self.period_s)
+        share, reason = self.tendons.allow(step)
+        scale = min(allowed.scale, share)
+        self._limited = allowed.reason or reason
+        if scale < 1.0:
+            q = self.motion.q + scale * (q - self.motion.q)
+            velocity = velocity * scale
         self.motion.take(q, velocity)
         self.locking.observe(q, self._measured())
-        return self._limits.clamp(target)
+        self.tendons.watch(setpoint, self.period_s)
+        return self._limits.paced(setpoint, self.tendons.travel(q, self.period_s) + self._bias, self.period_s)
+
+    def _compensate(self, request: Request, now_s: float, health: Health) -> Reply:
+        """Switch compensation on (value 1) or off (0). Bumpless: the difference is taken up while driving."""
+        if not self.tendons.available:
+            return Reply(ok=False, reasons=("this robot has no tendons that could be compensated",))
+        self.tendons.enabled = request.value != 0.0
+        self.tendons.resume(self.motion.q)
+        if self._setpoint is not None and self.supervisor.phase != "homing":
+            self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
+        return Reply(ok=True)
 
     # ------------------------------------------------------------------ what it tells
 
@@ -367,6 +385,7 @@ class RobotLoop:
             drops=dict(self.authority.drops + self._malformed + self.requests.malformed),
             bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s),
+            tendons=self.tendons.report(),
             lock=self.locking.report(),
             motion=self.motion.report(now),
         )
@@ -380,7 +399,7 @@ class RobotLoop:
 
     def _measured(self) -> Floats:
         """q from the motors' feedback alone."""
-        return self.drivetrain.q_of(self._travel(), self.motion.q)
+        return self.tendons.measured(self.motion.q) if self.drivetrain.feedback else self.motion.q
 
     def _tell_changes(self, state: RobotState) -> None:
         """An event for every change of phase or cause, once."""

@@ -1,11 +1,12 @@
-"""Find the zero of every tendon: pay out, wind to contact, settle at pretension, take that as zero.
+"""Find the zero of every tendon: pay out, wind to contact, let go, draw in together, tighten; take that as zero.
 
 Current alone is a poor witness (a jammed spool draws some too), so contact needs tension for a hold time, and travel and
-time are bounded. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
+time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
+tendons are let go until the body is straight, and drawn in together: then all slide the same way, and equal tensions
+keep it straight. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
 tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
 """
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -27,31 +28,31 @@ FREE_M = 0.0005
 """Wound in before the free reading is taken: by then the gear turns, and what it draws is friction alone."""
 WIND_SPEED_M_S = 0.012
 MAX_WIND_M = 0.040
-CONTACT_FRACTION = 0.4
+CONTACT_FRACTION = 0.25
 """Of the pretension: a tendon that carries this much is wound far enough."""
 CONTACT_HOLD_S = 0.03
-BEND_TOLERANCE = 0.004
-"""Of the pretension: largest error of those combinations that bend the robot. They decide where straight is."""
-TOLERANCE = 0.25
-"""Of the pretension: largest error of any tendon."""
+TOUCH_FRACTION = 0.03
+"""Of the pretension: less is none."""
+LOOSE_M = 0.002
+"""Paid out beyond the last tension."""
+STRAIGHTEN_S = 0.5
+"""In which the body straightens when nothing pulls."""
+DRAW_SPEED_M_S = 0.004
+RISE_S = 1.5
+"""In which the tension rises while all are drawn in."""
+LIGHT_FRACTION = 0.6
+"""Of the pretension, up to which they are drawn in each by its tension, the rest all by the same length: what a reading
+errs by, with the tension, would bend the robot."""
+APPROACH_S = 0.1
+"""In which a missing tension is approached."""
+TOLERANCE = 0.004
+"""Of the pretension."""
 GOOD_READINGS = 3
 """In a row."""
-SETTLE_TIMEOUT_S = 5.0
-"""Friction may keep the fine tolerance out of reach; then the coarse one must do."""
+LEAST_SPEED_M_S = 2e-4
 TIMEOUT_S = 25.0
-MAX_CORRECTION_M = 3e-4
-STROKE_M = 3e-5
-"""In settling every tendon is paid out by this much and wound in again before it is read: a gear's friction hides the
-tension by a different amount each way and at rest, so all are read after the same motion, winding in."""
-OUT_TICKS = 3
-STROKE_TICKS = 8
-FIRST_GAIN_M_N = 1e-6
-GAIN_GROWTH = 1.5
-GAIN_CUT = 0.3
 CONTACT_COUNTS = 3.0
 """A rise of the current by fewer counts is no contact."""
-BEND_COUNTS, COUNTS = 0.5, 2.0
-"""Counts of the current within which the tolerances cannot be told."""
 
 
 class HomingError(RuntimeError):
@@ -61,52 +62,31 @@ class HomingError(RuntimeError):
 class _Stage(Enum):
     SLACK = "paying out"
     WIND = "winding to contact"
-    SETTLE = "settling at pretension"
+    LET_GO = "letting go"
+    DRAW = "drawing all tendons in"
+    TIGHTEN = "tightening to pretension"
     SEAT = "pulling together to the stop"
     FREE = "letting go of the stop"
     DONE = "homed"
 
 
-@dataclass(slots=True)
-class _Mode:
-    """Tension control of a family of tendon combinations that share a stiffness: the gain finds it by itself."""
-
-    projector: Floats
-    gain: float = FIRST_GAIN_M_N
-    last: Floats | None = None
-
-    def step(self, error: Floats) -> Floats:
-        """How much more to wind each tendon in [m] for tensions that are too low by `error` [N]."""
-        part = self.projector @ error
-        if self.last is not None:
-            self.gain *= GAIN_CUT if float(part @ self.last) < 0.0 else GAIN_GROWTH
-        self.last = part
-        return np.clip(self.gain * part, -MAX_CORRECTION_M, MAX_CORRECTION_M)
-
-
 class Homing:
-    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are.
+    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are."""
 
-    Args:
-        description: the robot.
-        bending: (tendons, tendons) projector onto those length changes that bend the robot; the others only pretension
-            it. The two differ in stiffness by orders of magnitude, so each is settled with a gain of its own.
-    """
-
-    def __init__(self, description: RobotDescription, bending: Floats) -> None:
+    def __init__(self, description: RobotDescription) -> None:
         n = len(description.tendon_names)
         self._tendon = description.tendon
         self._names = description.tendon_names
         self._index = np.array(description.tendon_drives, dtype=np.int64)
-        self._bending = _Mode(bending)
-        self._tightening = _Mode(np.eye(n) - bending)
+        self._compliance = _compliance(description)
         self._stage = _Stage.SLACK
-        self._elapsed = self._settling = 0.0
-        self._stroke_tick = self._good = 0
+        self._elapsed = self._resting = self._light = 0.0
+        self._good = 0
         self._start: Floats | None = None
         self._target = np.zeros(0)
         self._wound_from = np.zeros(0)
         self._contact = np.zeros(n)
+        self._loose_from = np.zeros(n)
         self._free = np.zeros(n)
         """What each drive reads while it winds a slack tendon: friction, not tension."""
         self._readings: list[Floats] = []
@@ -137,15 +117,20 @@ class Homing:
         self._elapsed += dt_s
         if self._elapsed > TIMEOUT_S:
             raise HomingError(f"still {self.progress} after {TIMEOUT_S:.0f} s")
-        tension = load[self._index]
-        if self._stage is _Stage.SLACK:
-            self._pay_out(self._start, tension, self._tendon.pretension_N, dt_s)
-        elif self._stage is _Stage.WIND:
-            self._wind(tension, self._tendon.pretension_N, dt_s)
-        elif self._stage is _Stage.SETTLE:
-            self._settle(tension - self._free, self._tendon.pretension_N, dt_s)
-        elif self._seating is not None:
-            self._seat(self._seating, tension - self._free, dt_s)
+        reading, pretension = load[self._index], self._tendon.pretension_N
+        match self._stage:
+            case _Stage.SLACK:
+                self._pay_out(self._start, reading, pretension, dt_s)
+            case _Stage.WIND:
+                self._wind(reading, pretension, dt_s)
+            case _Stage.LET_GO:
+                self._let_go(reading + self._free, pretension, dt_s)
+            case _Stage.DRAW:
+                self._draw(reading - self._free, pretension, dt_s)
+            case _Stage.TIGHTEN:
+                self._tighten(pretension - (reading - self._free), dt_s)
+            case _ if self._seating is not None:
+                self._seat(self._seating, reading - self._free, dt_s)
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
@@ -169,7 +154,8 @@ class Homing:
         if np.any(wound > MAX_WIND_M + self._stroke_m):
             self._complain_of_slack(wound)
         if np.all(self._contact >= CONTACT_HOLD_S):
-            self._stage = _Stage.SEAT if self._seating else _Stage.SETTLE
+            self._stage = _Stage.SEAT if self._seating else _Stage.LET_GO
+            self._loose_from = self._target[self._index].copy()
 
     def _complain_of_slack(self, wound: Floats) -> None:
         worst = int(np.argmax(wound))
@@ -190,27 +176,45 @@ class Homing:
             if seating.released:
                 self._stage = _Stage.DONE
 
-    def _settle(self, tension: Floats, pretension: float, dt_s: float) -> None:
-        self._settling += dt_s
-        self._stroke_tick = (self._stroke_tick + 1) % STROKE_TICKS
-        if self._stroke_tick == 1:
-            self._target[self._index] += STROKE_M
-        elif self._stroke_tick == OUT_TICKS:
-            self._target[self._index] -= STROKE_M
-        elif self._stroke_tick == 0:
-            self._correct(pretension - tension, pretension)
+    def _let_go(self, tension: Floats, pretension: float, dt_s: float) -> None:
+        """All out until they carry nothing, each as far beyond as the others, and long enough for the body to straighten."""
+        travel = self._target[self._index]
+        carries = tension > np.maximum(TOUCH_FRACTION * pretension, self._count_N)
+        self._loose_from = np.where(carries, travel, self._loose_from)
+        ahead = self._loose_from + LOOSE_M - travel
+        self._target[self._index] += np.minimum(np.where(carries, np.inf, ahead), WIND_SPEED_M_S * dt_s)
+        self._resting = 0.0 if np.any(carries) or np.any(ahead > 0.0) else self._resting + dt_s
+        if self._resting >= STRAIGHTEN_S:
+            self._stage = _Stage.DRAW
 
-    def _correct(self, error: Floats, pretension: float) -> None:
-        """Readings are whole counts of the current: what lies below them is no error that could be told."""
-        count = float(np.max(self._count_N))
-        bend_error = float(np.max(np.abs(self._bending.projector @ error)))
-        near = float(np.max(np.abs(error))) <= max(TOLERANCE * pretension, COUNTS * count)
-        straight = bend_error <= max(BEND_TOLERANCE * pretension, BEND_COUNTS * count)
-        self._good = self._good + 1 if near and straight else 0
-        if self._good >= GOOD_READINGS or (near and self._settling >= SETTLE_TIMEOUT_S):
+    def _draw(self, tension: Floats, pretension: float, dt_s: float) -> None:
+        """All at the same rising tension, never out again: that would turn the friction round."""
+        touch = np.maximum(TOUCH_FRACTION * pretension, self._count_N)
+        top = LIGHT_FRACTION * pretension
+        self._light = min(self._light + (top * dt_s / RISE_S if np.all(tension >= touch) else 0.0), top)
+        missing = np.maximum(self._light, 1.2 * touch) - tension
+        tolerance = np.maximum(TOLERANCE * pretension, self._count_N / 2)
+        speed = np.clip(missing * self._compliance / APPROACH_S, 0.0, DRAW_SPEED_M_S)
+        self._target[self._index] -= np.where(missing > tolerance, speed, 0.0) * dt_s
+        there = self._light >= top and np.all(missing <= tolerance)
+        self._good = self._good + 1 if there else 0
+        if self._good >= GOOD_READINGS:
+            self._stage = _Stage.TIGHTEN
+
+    def _tighten(self, missing: Floats, dt_s: float) -> None:
+        """All by the same length."""
+        mean = float(np.mean(missing))
+        if mean <= 0.0:
             self._stage = _Stage.DONE
             return
-        self._target[self._index] -= self._bending.step(error) + self._tightening.step(error)
+        speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S)
+        self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s
+
+
+def _compliance(description: RobotDescription) -> float:
+    """Stretch per tension of the longest tendon [m/N]."""
+    tendon = description.tendon
+    return (tendon.conduit_length_m + description.active_length_m) / tendon.axial_stiffness_N if tendon else 0.0
 
 
 def _count_N(description: RobotDescription, drive: int) -> float:

@@ -5,7 +5,7 @@ from typing import Any, Final, Literal, get_args
 
 from msgspec.structs import replace
 
-from cobra.description import RobotDescription
+from cobra.description import Compensation, RobotDescription
 from cobra.errors import OperatorError
 from cobra.mechanics.described import parameters_of
 from cobra.simulation.losses import Losses, with_losses
@@ -88,6 +88,16 @@ class Simulation:
         if self.gravity_m_s2 is None:
             return true
         return replace(true, backbone=replace(true.backbone, gravity_m_s2=self.gravity_m_s2))
+
+    def told(self, description: RobotDescription) -> RobotDescription:
+        """The robot that its drivers believe in: they know how it is mounted, and of losses that are switched off."""
+        if self.losses == "off":
+            description = with_losses(description, "off", self.seed)
+        if self.twin in ("ideal", "none"):
+            description = replace(description, compensation=Compensation(enabled=False))
+        if self.gravity_m_s2 is None:
+            return description
+        return replace(description, backbone=replace(description.backbone, gravity_m_s2=self.gravity_m_s2))
 
 
 AS_DESCRIBED: Final = Simulation()

@@ -59,7 +59,7 @@ def drive_and_compare(tab, stack: Stack) -> tuple[float, float, float]:
     assert q[2] > 0.3, "stick right bends to the right"
     assert q[7] < -0.3, "stick up bends up, and y is down"
     estimate = float(np.linalg.norm(np.array(state.commanded) - q))
-    assert estimate < 0.02, "the measured configuration comes from the motors and follows the commanded one"
+    assert estimate < 0.15, "the measured configuration comes from the motors and follows the commanded one"
     return arc, float(np.linalg.norm((end - start) - moved)), estimate
 
 
@@ -76,7 +76,7 @@ def test_the_default_twin_moves_the_same_way_with_stretch_and_gravity(tab, tmp_p
     print(
         f"default twin: the tip moved {1e3 * arc:.1f} mm, {1e3 * error:.1f} mm ({error / arc:.0%}) off the kinematics"
     )
-    assert error < 0.6 * arc
+    assert error < 0.2 * arc
 
 
 def test_letting_go_stops_within_two_ticks_and_the_ramp(tab, tmp_path):

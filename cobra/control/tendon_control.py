@@ -1,0 +1,157 @@
+"""Tendons between configuration and drives: estimation, compensation and tension together, one call each a tick.
+
+Robots without tendons, or whose sections change their length, are driven by the tendon map alone.
+"""
+
+import numpy as np
+
+from cobra.control.compensation import Compensation
+from cobra.control.drivetrain import Drivetrain
+from cobra.control.estimation import Estimator, TendonEstimate
+from cobra.control.tendon_health import TendonHealth
+from cobra.control.tension import TensionKeeper
+from cobra.description import RobotDescription
+from cobra.kinematics.configuration import Floats
+from cobra.mechanics.losses import Identified, described
+from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.messages import CompensationState, Tendons
+
+MOVING_RAD_S = 1e-3
+"""Slower bends are at rest."""
+
+
+class TendonControl:
+    """`observe` what the drives say, then ask for their `travel`. `homed` tells where the tendons' zero is."""
+
+    def __init__(self, drivetrain: Drivetrain) -> None:
+        self.description: RobotDescription = drivetrain.description
+        self._drivetrain = drivetrain
+        self._index = drivetrain.tendon_index
+        self.available = fits(self.description)
+        """Whether this robot's tendons can be compensated at all."""
+        self.enabled = self.available and (
+            self.description.compensation is None or self.description.compensation.enabled
+        )
+        self.estimate: TendonEstimate | None = None
+        self._referred = self._driven = False
+        if self.available:
+            self.use(described(self.description))
+
+    def use(self, identified: Identified) -> None:
+        """Take other parameters; they count from the next homing on."""
+        self.identified = identified
+        self.balance = TendonBalance(self.description, identified.losses)
+        self._estimator = Estimator(self.description, self.balance, identified)
+        self._compensation = Compensation(self.description, self.balance)
+        self._keeper = TensionKeeper(self.description, self.balance)
+        self._health = TendonHealth(self.description, self.balance, identified)
+        self.estimate = None
+        self._referred = False
+
+    @property
+    def active(self) -> bool:
+        """Whether the drives are told a compensated travel now."""
+        return self.enabled and self._referred
+
+    def homed(self, travel: Floats) -> None:
+        """The robot stands at home, straight and at pretension, at this travel of all drives."""
+        if not self.available:
+            return
+        self._estimator.refer(travel, self._drivetrain.loads())
+        self._compensation.reset()
+        self._keeper.reset()
+        self._health.reset()
+        self._referred = self._driven = True
+
+    def resume(self, q: Floats) -> None:
+        """The drives take setpoints again, from where they stand, which is taken for q. No trims before they are driven."""
+        self._driven = False
+        if self.available:
+            self._compensation.resume(q)
+            self._keeper.reset()
+            self._health.reset()
+
+    def observe(self, q: Floats, velocity: Floats, dt_s: float, holds: bool) -> None:
+        """Take the drives' last feedback, for the commanded q and its velocity; `holds`: setpoints are sent."""
+        drivetrain = self._drivetrain
+        if not self._referred or drivetrain.feedback is None:
+            return
+        transmission, feedback = drivetrain.transmission, drivetrain.feedback
+        speed = feedback.velocity * transmission.travel_per_rad
+        self.estimate = self._estimator.observe(transmission.travel(feedback.angle), speed, drivetrain.loads(), q)
+        moving = bool(np.any(np.abs(velocity[self.balance.tendons.columns]) > MOVING_RAD_S))
+        if self.enabled and holds:
+            self._compensation.correct(q, self.estimate.bends, moving, dt_s)
+            self._driven = self._driven or moving
+        if self.enabled and holds and self._driven:
+            self._keeper.observe(self.estimate, self._compensation.expected_N, dt_s)
+
+    def watch(self, setpoint: Floats, dt_s: float) -> None:
+        """Look for tendons that do not do what they should; only while the drives hold them."""
+        if self.active and self._driven and self.estimate is not None:
+            self._health.observe(self.estimate, self._compensation.expected_N, setpoint[self._index], dt_s)
+
+    def allow(self, step: Floats) -> tuple[float, str]:
+        """Which share of a step of all drives (by the tendon map) their tensions allow, and why not all, in words."""
+        if not self.active or self.estimate is None:
+            return 1.0, ""
+        feed = self.description.feed_drive
+        return self._keeper.allow(step[self._index], feed is not None and step[feed] > 1e-9)
+
+    def loads(self) -> Floats:
+        """Loads of all drives, those of tendons without their gears' friction."""
+        loads = self._drivetrain.loads()
+        if self.estimate is not None and self._referred:
+            loads[self._index] = self.estimate.motor_N
+        return loads
+
+    def travel(self, q: Floats, dt_s: float) -> Floats:
+        """Travel of all drives for q, `dt_s` after the last call; 0 changes nothing."""
+        travel = self._drivetrain.travel_of(q)
+        if self.active:
+            travel[self._index] = self._compensation.travel(q, dt_s) + self._keeper.trims_m
+        return travel
+
+    def measured(self, near: Floats) -> Floats:
+        """q from the motors' feedback alone; what no drive moves is taken from `near`."""
+        drivetrain = self._drivetrain
+        if drivetrain.feedback is None:
+            return near
+        travel = drivetrain.transmission.travel(drivetrain.feedback.angle)
+        q = drivetrain.q_of(travel, near)
+        if self.estimate is not None and self._referred and self.enabled:
+            q[self.balance.tendons.columns] = self.estimate.bends
+        return q
+
+    def report(self) -> Tendons:
+        """For everybody to see."""
+        if not self.available:
+            return Tendons()
+        words: CompensationState = "on" if self.enabled else "off"
+        if self.estimate is None or not self._referred:
+            return Tendons(compensation=words, parameters=self.identified.source)
+        q = np.zeros(self.balance.configuration.size)
+        q[self.balance.tendons.columns] = self.estimate.deviation
+        return Tendons(
+            compensation=words,
+            parameters=self.identified.source,
+            tension=tuple(self.estimate.motor_N.tolist()),
+            profile=tuple(tuple(row) for row in self.estimate.profile_N.tolist()),
+            deviation=tuple(q.tolist()),
+            residual=tuple(self.estimate.residual_m.tolist()),
+            warnings=(*self._keeper.warnings, *self._health.warnings) if self.enabled else (),
+        )
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Tendons that are broken, slipped or jammed, in words."""
+        return self._health.faults if self.available and self.active else ()
+
+
+def fits(description: RobotDescription) -> bool:
+    """Whether a robot has tendons on sections of constant length."""
+    return (
+        description.tendon is not None
+        and bool(description.tendon_names)
+        and all(section.elongation is None for section in description.sections)
+    )
