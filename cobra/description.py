@@ -299,6 +299,8 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     compensation: Compensation | None = None
     twist: Twist | None = None
     feed: Feed | None = None
+    hand_fed: bool = False
+    """Somebody pushes it in and pulls it out by hand, and tells the exposed length. Else, without `feed`, it is fixed."""
     motors: Annotated[tuple[Motor, ...], Meta(min_length=1)]
     drives: Annotated[tuple[Drive, ...], Meta(min_length=1)]
     load_cells: tuple[LoadCell, ...] = ()

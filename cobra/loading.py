@@ -272,6 +272,8 @@ def _wrong_ranges(d: RobotDescription) -> list[str]:
     ]
     if d.feed and not d.feed.range_m[0] <= d.feed.start_m <= d.feed.range_m[1]:
         out.append(f"feed.start_m = {d.feed.start_m}: must lie in feed.range_m = {list(d.feed.range_m)}")
+    if d.feed and d.hand_fed:
+        out.append("hand_fed = true: not beside [feed]; a drive or a hand, not both")
     if d.feed and d.feed.range_m[1] > d.backbone.total_length_m:
         out.append(
             f"feed.range_m = {list(d.feed.range_m)}: beyond backbone.total_length_m = {d.backbone.total_length_m}"

@@ -36,7 +36,7 @@ class Intent(Message, frozen=True, kw_only=True):
     """Index of the chosen section."""
     speed: float = 1.0
     """Scale of all rates, 0…1."""
-    frame: Literal["world", "base", "tip"] = "tip"
+    frame: Literal["world", "base", "tip"] = "world"
     """Whose right and down the sticks mean: those of the fixed view from behind, of the base, or of the tip camera."""
     pose: str = ""
     """Pose mode: the saved pose to go to."""

@@ -11,11 +11,14 @@ from urllib.parse import urlencode
 from websockets import Origin
 from websockets.sync.client import connect
 
+from app.console.guides import guides
 from app.console.inputs import Controls
-from app.console.mapping import DEAD_MAN, PAD_MAP
+from app.console.mapping import DEAD_MAN, FRAMES
+from app.console.motion_state import guide_state
 from app.console.page_socket import Asker
 from app.console.page_state import Answer, Snapshot, Welcome
 from app.people.audit import Deed
+from cobra.loading import load_description
 
 TENDONS = [f"{side}{section}" for section in (1, 2, 3) for side in "SENW"]
 
@@ -32,6 +35,7 @@ class FakeSession:
         self.signed: list[tuple[str, str]] = []
         self.ended: list[str] = []
         self.changes: dict[str, Any] = {}
+        self.facts: dict[str, Any] = {}
         self.before_snapshot: Callable[[], None] = lambda: None
         self.answer: Callable[[str, int | None], Answer | Awaitable[Answer]] = lambda what, value: Answer(
             ok=True, reasons=[]
@@ -40,7 +44,7 @@ class FakeSession:
     # ------------------------------------------------------------------ what the front door calls
 
     def welcome(self) -> Welcome:
-        return {
+        facts: Any = {
             "robot": "cobra",
             "title": "COBRA",
             "summary": "Three bending sections, twist and feed.",
@@ -49,10 +53,14 @@ class FakeSession:
             "speed_levels": [0.25, 0.5, 1.0],
             "tendons": TENDONS,
             "max_tension_N": 60.0,
-            "pad_map": list(PAD_MAP),
+            "modes": [guide_state(guide) for guide in guides(load_description("cobra"))],
+            "frames": list(FRAMES),
+            "active_length_mm": 300.0,
+            "hand_fed": False,
             "versions": {"cobra-teleop": "0.1.0"},
             "danger": "",
         }
+        return {**facts, **self.facts}
 
     def snapshot(self) -> Snapshot:
         self.before_snapshot()
@@ -73,6 +81,16 @@ class FakeSession:
                 "controls": {"left": (0.0, 0.0), "right": (0.0, 0.0), "lt": 0.0, "rt": 0.0, "buttons": []},
             },
             "mode": "section",
+            "frame": "world",
+            "motion": {
+                "words": [],
+                "share": 1.0,
+                "fallbacks": 0,
+                "path": None,
+                "poses": ["inspect", "home"],
+                "pose": "",
+                "hand_feed": None,
+            },
             "section": 0,
             "speed": 1,
             "bends": [

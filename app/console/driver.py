@@ -218,6 +218,7 @@ class Driver:
             epoch=epoch,
             sequence=sequence,
             echo=state.stamp,
+            mode=wanted.selection.mode,
             held=wanted.held,
             intent=wanted.intent,
             input_stamp=wanted.input_stamp,

@@ -1,34 +1,31 @@
 """From the controls of a pad to the driver's intent: dead zone, expo and the map of sticks and buttons. Pure functions."""
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from app.console.inputs import Button, Controls
+from cobra.control.modes.mode import ModeName, modes_of
+from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
 from cobra.messages import Intent, Pair
 
 Action = Literal["stop", "arm", "lock"]
+T = TypeVar("T")
 
 DEAD_MAN: Button = "left_shoulder"
 SHIFT: Button = "right_shoulder"
 ACTIONS: dict[Button, Action] = {"b": "stop", "start": "arm", "x": "lock"}
 
-PAD_MAP: tuple[tuple[str, str], ...] = (
-    ("LB (hold)", "drive while it is held; letting go stops"),
-    ("Left stick", "bend the chosen section; up is up in the tip view"),
-    ("Right stick", "bend the tip section"),
-    ("RB + right stick left/right", "twist; the right stick then does not bend"),
-    ("Right trigger", "feed in"),
-    ("Left trigger", "feed out"),
-    ("D-pad left/right", "choose the section: towards the base, towards the tip"),
-    ("D-pad up/down", "speed: one level up, one level down"),
-    ("B", "STOP, at any time"),
-    ("Start", "arm"),
-)
-"""What every control does on a robot with everything, for the README and --help; `pad_map` has one robot's."""
+CLUTCH: Button = "a"
+NEXT_MODE: Button = "y"
+NEXT_FRAME: Button = "back"
+
+FRAMES: tuple[StickFrame, ...] = ("world", "base", "tip")
+"""Views that the sticks may go by, the first one to begin with: it is that of the 3D view from behind."""
 
 OVERSHOOT = 1e-3
 """A full stick may read this much more than 1, by rounding in a device's own scaling. Anything beyond is a fault."""
@@ -51,6 +48,10 @@ class Selection(msgspec.Struct, frozen=True):
     """Index into the description's sections."""
     level: int
     """Index into the description's speed levels."""
+    mode: ModeName = "section"
+    frame: StickFrame = FRAMES[0]
+    pose: str = ""
+    """The saved pose to go to."""
 
 
 class Mapped(NamedTuple):
@@ -126,48 +127,78 @@ def map_controls(
     chosen = _choose(pressed, selection, description)
     able = {"stop", "arm", *(("lock",) if _changes_length(description) else ())}
     actions = tuple(action for button, action in ACTIONS.items() if button in pressed and action in able)
-    speed = description.teleop.speed_levels[chosen.level]
-    if not controls.connected or fault_of(controls):
-        return Mapped(Intent(section=chosen.section, speed=speed), False, chosen, actions)
-
-    shift = SHIFT in controls.buttons
-    left, right = _clip(controls.left), _clip(controls.right)
-    bend = (profile.stick_dead_zone, profile.expo)
-    pull = (profile.trigger_dead_zone, profile.expo)
-    right_pull, left_pull = _clamp(controls.right_trigger, 0.0), _clamp(controls.left_trigger, 0.0)
-    feed = shape_axis(right_pull, *pull) - shape_axis(left_pull, *pull)
-    lengthens = description.sections[chosen.section].elongation is not None
-    by_length = lengthens and (shift or description.feed is None)
-    intent = Intent(
-        primary=shape_stick(left, *bend) if description.active_sections else (0.0, 0.0),
-        secondary=shape_stick(right, *bend) if description.active_sections and not shift else (0.0, 0.0),
-        feed=feed if description.feed and not by_length else 0.0,
-        length=feed if by_length else 0.0,
-        twist=shape_axis(right[0], *bend) if description.twist and shift else 0.0,
+    at_rest = Intent(
         section=chosen.section,
-        speed=speed,
+        speed=description.teleop.speed_levels[chosen.level],
+        frame=chosen.frame,
+        pose=chosen.pose,
     )
-    return Mapped(intent, DEAD_MAN in controls.buttons, chosen, actions)
+    if not controls.connected or fault_of(controls):
+        return Mapped(at_rest, False, chosen, actions)
+    held = DEAD_MAN in controls.buttons
+    if CLUTCH in controls.buttons:
+        return Mapped(at_rest, held, chosen, actions)
+    rates = _STICKS[chosen.mode](_Shaped.of(controls, profile), chosen, description)
+    return Mapped(msgspec.structs.replace(at_rest, **rates), held, chosen, actions)
 
 
-def pad_map(description: RobotDescription) -> tuple[tuple[str, str], ...]:
-    """What every control does on this robot: only what it has, and its change of length where it has that."""
-    lines = [
-        (control, does)
-        for control, does in PAD_MAP
-        if (description.feed or "feed" not in does)
-        and (description.twist or "twist" not in does)
-        and (description.active_sections or not does.startswith("bend"))
-        and (len(description.active_sections) > 1 or not does.startswith(("choose", "bend the tip section")))
-    ]
-    if _changes_length(description):
-        shifted = "RB + " if description.feed else ""
-        lines[1:1] = [
-            (f"{shifted}{trigger} trigger", does)
-            for trigger, does in (("right", "lengthen the section"), ("left", "shorten the section"))
-        ]
-        lines.append(("X", "lock, or unlock; then hold LB until it is done"))
-    return tuple((control[0].upper() + control[1:], does) for control, does in lines)
+class _Shaped(NamedTuple):
+    """The sticks and triggers, shaped: what a mode makes rates of."""
+
+    left: Pair
+    right: Pair
+    turn: float
+    """The right stick's left and right alone."""
+    pull: float
+    """Right trigger less left trigger."""
+    shift: bool
+
+    @classmethod
+    def of(cls, controls: Controls, profile: Profile) -> "_Shaped":
+        left, right = _clip(controls.left), _clip(controls.right)
+        bend = (profile.stick_dead_zone, profile.expo)
+        pull = (profile.trigger_dead_zone, profile.expo)
+        right_pull, left_pull = _clamp(controls.right_trigger, 0.0), _clamp(controls.left_trigger, 0.0)
+        return cls(
+            left=shape_stick(left, *bend),
+            right=shape_stick(right, *bend),
+            turn=shape_axis(right[0], *bend),
+            pull=shape_axis(right_pull, *pull) - shape_axis(left_pull, *pull),
+            shift=SHIFT in controls.buttons,
+        )
+
+
+def _section_rates(sticks: _Shaped, chosen: Selection, d: RobotDescription) -> dict[str, Any]:
+    lengthens = d.sections[chosen.section].elongation is not None
+    by_length = lengthens and (sticks.shift or d.feed is None)
+    return {
+        "primary": sticks.left if d.active_sections else (0.0, 0.0),
+        "secondary": sticks.right if d.active_sections and not sticks.shift else (0.0, 0.0),
+        "feed": sticks.pull if d.feed and not by_length else 0.0,
+        "length": sticks.pull if by_length else 0.0,
+        "twist": sticks.turn if d.twist and sticks.shift else 0.0,
+    }
+
+
+def _tip_rates(sticks: _Shaped, chosen: Selection, d: RobotDescription) -> dict[str, Any]:
+    return {"primary": sticks.left, "feed": sticks.pull, "twist": sticks.turn if d.twist else 0.0}
+
+
+def _following_rates(sticks: _Shaped, chosen: Selection, d: RobotDescription) -> dict[str, Any]:
+    return {"primary": sticks.left, "feed": sticks.pull if d.feed else 0.0}
+
+
+def _no_rates(sticks: _Shaped, chosen: Selection, d: RobotDescription) -> dict[str, Any]:
+    return {}
+
+
+_STICKS: dict[ModeName, Callable[[_Shaped, Selection, RobotDescription], dict[str, Any]]] = {
+    "section": _section_rates,
+    "tip": _tip_rates,
+    "following": _following_rates,
+    "straighten": _no_rates,
+    "pose": _no_rates,
+}
 
 
 def _changes_length(description: RobotDescription) -> bool:
@@ -175,12 +206,23 @@ def _changes_length(description: RobotDescription) -> bool:
 
 
 def _choose(pressed: frozenset[Button], selection: Selection, description: RobotDescription) -> Selection:
-    """One step along the sections that bend and along the speed levels; the ends do not wrap around."""
+    """One step along the sections that bend and along the speed levels, whose ends do not wrap around; modes and views,
+    each with one button, do."""
     sections = description.active_sections or (selection.section,)
     place = sections.index(selection.section) + ("dpad_right" in pressed) - ("dpad_left" in pressed)
     level = selection.level + ("dpad_up" in pressed) - ("dpad_down" in pressed)
     last_level = len(description.teleop.speed_levels) - 1
-    return Selection(sections[min(max(place, 0), len(sections) - 1)], min(max(level, 0), last_level))
+    return msgspec.structs.replace(
+        selection,
+        section=sections[min(max(place, 0), len(sections) - 1)],
+        level=min(max(level, 0), last_level),
+        mode=_next(modes_of(description), selection.mode, NEXT_MODE in pressed),
+        frame=_next(FRAMES, selection.frame, NEXT_FRAME in pressed),
+    )
+
+
+def _next(choices: tuple[T, ...], chosen: T, step: bool) -> T:
+    return choices[(choices.index(chosen) + step) % len(choices)]
 
 
 def _clip(stick: Pair) -> Pair:

@@ -56,6 +56,12 @@ What = Literal[
     "restart_robot",
     "section",
     "speed",
+    "mode",
+    "frame",
+    "pose",
+    "save_pose",
+    "delete_pose",
+    "hand_feed",
     "lock",
     "unlock",
     "mark",
@@ -95,8 +101,8 @@ class PageSession(Protocol):
     def act(self, asker: Asker, what: What, value: int | None, text: str) -> Answer | Awaitable[Answer]:
         """A request that the asker's role allows.
 
-        `value` is the index for section and speed, and 1 or 0 for console_pad; `text` is the reason for take, the name
-        for grant and refuse, and the note for mark.
+        `value` is the index for section, speed, mode and frame, and 1 or 0 for console_pad; `text` is the reason for
+        take, the name for grant and refuse, the note for mark, a pose's name, and for hand_feed a length in millimetres.
         """
 
     def audit(self) -> Awaitable[list[Deed]]:

@@ -110,6 +110,57 @@ class RecordingState(TypedDict):
     """Messages that are not in the recording: the disk was too slow or full, or the link dropped them."""
 
 
+class LineState(TypedDict):
+    """One control: on a pad, on the keyboard, and what it does."""
+
+    pad: str
+    keys: str
+    does: str
+
+
+class GuideState(TypedDict):
+    """One mode, for people; `left` to `twist` say in a word what the page's sticks and buttons do, or are empty."""
+
+    name: str
+    title: str
+    help: str
+    left: str
+    right: str
+    feed: str
+    twist: str
+    lines: list[LineState]
+
+
+class PathState(TypedDict):
+    """Tip following: how well the body lies on the path."""
+
+    deviation_mm: Number
+    deviation_max_mm: Number
+    length_mm: Number
+
+
+class HandFeedState(TypedDict):
+    """`source` is number, measured, or silent: a measuring device that does not tell any more."""
+
+    told_mm: Number
+    used_mm: Number
+    source: str
+
+
+class MotionState(TypedDict):
+    """What the mode that moves the robot has to say."""
+
+    words: list[str]
+    share: Number
+    """Tip mode: how much of the wanted motion is given."""
+    fallbacks: int
+    path: PathState | None
+    poses: list[str]
+    pose: str
+    """The one chosen on this console."""
+    hand_feed: HandFeedState | None
+
+
 class Snapshot(TypedDict):
     """The state for the page."""
 
@@ -128,6 +179,10 @@ class Snapshot(TypedDict):
     """Whose input drives: "pad", the name of a page (`Welcome.page`), or empty for nobody's."""
     pad: Pad
     mode: str
+    """The one chosen on this console."""
+    frame: str
+    """The view that the sticks go by, of `Welcome.frames`."""
+    motion: MotionState
     section: int
     speed: int
     bends: list[Bend]
@@ -171,8 +226,12 @@ class Welcome(TypedDict):
     speed_levels: list[float]
     tendons: list[str]
     max_tension_N: float
-    pad_map: list[tuple[str, str]]
-    """What is pressed or moved, and what it does."""
+    modes: list[GuideState]
+    frames: list[str]
+    active_length_mm: Number
+    """What lies beyond it outside the port follows by itself; None for a robot that is passive all along."""
+    hand_fed: bool
+    """Somebody feeds it by hand and tells the length."""
     versions: dict[str, str]
     danger: str
     """What everybody has to know about how the page is served; empty when it is as it should be."""

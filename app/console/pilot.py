@@ -10,10 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from msgspec.structs import replace
+
 from app.console.freeze import FreezeWatch
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import (
+    CLUTCH,
     DEAD_MAN,
+    FRAMES,
     Action,
     Profile,
     Selection,
@@ -23,6 +27,7 @@ from app.console.mapping import (
     map_controls,
 )
 from cobra.clock import Clock
+from cobra.control.modes.mode import modes_of
 from cobra.description import RobotDescription
 from cobra.messages import Intent, Phase
 
@@ -82,6 +87,8 @@ class _Source:
     """Polled where there is one; else its readings are pushed."""
     controls: Controls
     stage: Stage = "release"
+    clutched: bool = False
+    """The clutch was pressed, and since then not both let go of and the sticks centred."""
     pressed_s: float = 0.0
     watch: FreezeWatch = field(default_factory=FreezeWatch)
 
@@ -160,11 +167,35 @@ class Pilot:
             if section is not None:
                 if section not in self._description.active_sections:
                     return f"section {section} does not bend; those that do: {self._description.active_sections}"
-                chosen = Selection(section, chosen.level)
+                chosen = replace(chosen, section=section)
             if level is not None:
                 if not 0 <= level < len(self._description.teleop.speed_levels):
                     return f"there is no speed level {level}: 0…{len(self._description.teleop.speed_levels) - 1}"
-                chosen = Selection(chosen.section, level)
+                chosen = replace(chosen, level=level)
+            self._selection = chosen
+            return ""
+
+    def choose(self, key: str, mode: int | None = None, frame: int | None = None, pose: str | None = None) -> str:
+        """Choose a mode or a view for the sticks, by index, or the saved pose to go to, while nobody drives.
+
+        Returns why it was refused, or an empty string.
+        """
+        with self._lock:
+            if self._driver or not self._admits(key):
+                return (
+                    "let go first: this is changed while nobody drives" if self._driver else "take the controls first"
+                )
+            chosen, modes = self._selection, modes_of(self._description)
+            if mode is not None:
+                if not 0 <= mode < len(modes):
+                    return f"there is no mode {mode}: 0…{len(modes) - 1}"
+                chosen = replace(chosen, mode=modes[mode])
+            if frame is not None:
+                if not 0 <= frame < len(FRAMES):
+                    return f"there is no view {frame}: 0…{len(FRAMES) - 1}"
+                chosen = replace(chosen, frame=FRAMES[frame])
+            if pose is not None:
+                chosen = replace(chosen, pose=pose)
             self._selection = chosen
             return ""
 
@@ -174,6 +205,8 @@ class Pilot:
             self._refresh(now)
             source = self._sources.get(self._driver)
             controls = source.controls if source else NOBODY
+            if source and source.clutched:
+                controls = replace(controls, buttons=controls.buttons | {CLUTCH})
             intent = map_controls(controls, controls, self._selection, self._profile, self._description).intent
             return Wanted(source is not None, intent, controls.stamp, self._driver, controls, self._selection)
 
@@ -217,9 +250,13 @@ class Pilot:
         if not self._is_drivers(key):
             source.stage = "release"
             return
-        if self._driver in ("", key):
-            self._selection = mapped.selection
         at_rest = centred(controls, self._profile)
+        source.clutched = CLUTCH in controls.buttons or (source.clutched and not at_rest)
+        if not self._driver:
+            self._selection = mapped.selection
+        elif self._driver == key:
+            kept = self._selection
+            self._selection = replace(mapped.selection, mode=kept.mode, frame=kept.frame, pose=kept.pose)
         if not self._driver and not mapped.held and at_rest:
             self._actions += mapped.actions
         self._step(key, source, mapped.held, at_rest, now)
@@ -308,7 +345,7 @@ class Pilot:
     def _words(self, key: str, source: _Source, now: float) -> str:
         dead_man = "LB" if source.device is not None else "the hold button"
         if key == self._driver:
-            return "drives"
+            return "clutch: centre the sticks and let go of it" if source.clutched else "drives"
         if unfit := self._unfit(source, now):
             return f"{self._name(key)} {unfit}"
         if not self._admits(key):

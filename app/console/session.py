@@ -9,8 +9,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from app.console.guides import guides
 from app.console.inputs import Controls, InputSource
-from app.console.mapping import pad_map
+from app.console.mapping import FRAMES
+from app.console.motion_state import guide_state, motion_state
 from app.console.page_socket import Asker, What
 from app.console.page_state import (
     Answer,
@@ -94,7 +96,10 @@ class ConsoleSession:
             speed_levels=list(d.teleop.speed_levels),
             tendons=list(d.tendon_names),
             max_tension_N=d.tendon.max_tension_N if d.tendon else 0.0,
-            pad_map=list(pad_map(d)),
+            modes=[guide_state(guide) for guide in guides(d)],
+            frames=list(FRAMES),
+            active_length_mm=d.active_length_m * 1e3 if d.active_sections else None,
+            hand_fed=d.hand_fed,
             versions=self._versions,
             danger=self._danger,
         )
@@ -120,7 +125,9 @@ class ConsoleSession:
             "people": self._present(),
             "driver": pilot.driver,
             "pad": self._pad_state(),
-            "mode": state.mode if state else "section",
+            "mode": pilot.selection.mode,
+            "frame": pilot.selection.frame,
+            "motion": motion_state(state, pilot.selection),
             "section": pilot.selection.section,
             "speed": pilot.selection.level,
             "drops": {**(state.drops if state else {}), **pilot.counts, **self._driver.errors},
@@ -160,6 +167,16 @@ class ConsoleSession:
                 return _answer(self._pilot.select(page, section=value))
             case "speed":
                 return _answer(self._pilot.select(page, level=value))
+            case "mode":
+                return _answer(self._pilot.choose(page, mode=value))
+            case "frame":
+                return _answer(self._pilot.choose(page, frame=value))
+            case "pose":
+                return _answer(self._pilot.choose(page, pose=text))
+            case "save_pose" | "delete_pose":
+                return self._ask(Request(what=what, name=text), asker)
+            case "hand_feed":
+                return self._hand_feed(text, asker)
             case "quit":
                 threading.Thread(target=self._quit, daemon=True).start()
                 return _yes()
@@ -169,8 +186,11 @@ class ConsoleSession:
                 who = Occupant(asker.visitor.name, page)
                 return self._later(lambda: self._driver.change(who, what, text, bool(value)))
             case _:
-                who = Occupant(asker.visitor.name, page)
-                return self._later(lambda: self._driver.ask(Request(what=what, reason=text), who))
+                return self._ask(Request(what=what, reason=text), asker)
+
+    def _ask(self, request: Request, asker: Asker) -> Awaitable[Answer]:
+        who = Occupant(asker.visitor.name, asker.page)
+        return self._later(lambda: self._driver.ask(request, who))
 
     def _present(self) -> list[Person]:
         """Everybody who has a page open, once."""
@@ -179,6 +199,14 @@ class ConsoleSession:
 
     def audit(self) -> Awaitable[list[Deed]]:
         return asyncio.get_running_loop().run_in_executor(self._workers, self._robot.audit)
+
+    def _hand_feed(self, text: str, asker: Asker) -> Answer | Awaitable[Answer]:
+        """The exposed length in millimetres, as somebody typed it."""
+        try:
+            length_m = float(text.strip().replace(",", ".")) * 1e-3
+        except ValueError:
+            return _answer(f"{text!r} is not a length: give the exposed length in millimetres")
+        return self._ask(Request(what="hand_feed", value=length_m), asker)
 
     def note_session(self, what: str, name: str, address: str) -> None:
         if self._trail:

@@ -75,7 +75,7 @@ export class Driving {
       right: twist ? [twist, 0] : right,
       lt: either("feed-out", "KeyF"),
       rt: either("feed-in", "KeyR"),
-      buttons: twist ? ["right_shoulder"] : [],
+      buttons: [...(twist ? ["right_shoulder"] : []), ...(this.keys.has("KeyC") ? ["a"] : [])],
       held: true,
     };
   }

@@ -1,33 +1,11 @@
 // The keyboard: hold the space bar to drive, Escape stops. Keys typed into the panels of the 3D view do not drive.
 
-const KEY_MAP = [
-  ["Space (hold)", "drive while it is held; letting go stops"],
-  ["W A S D", "bend the chosen section; W is up in the tip view"],
-  ["Arrow keys", "bend the tip section"],
-  ["Q  E", "twist left, right"],
-  ["R  F", "feed in, out"],
-  ["1 2 3 …", "choose the section"],
-  ["−  +", "speed: one level down, up"],
-  ["Esc", "STOP, at any time"],
-  ["Tab, Enter", "go to a button of the page, press it"],
-];
-
-/** What every key does on this robot. */
-export function keyMap({ limits, sections }) {
-  const length = limits.length_mm && !limits.feed_mm;
-  return KEY_MAP.filter(([keys]) => {
-    if (keys === "Q  E") return limits.twist_deg;
-    if (keys === "R  F") return limits.feed_mm || length;
-    return keys !== "Arrow keys" && keys !== "1 2 3 …" || sections.length > 1;
-  }).map(([keys, does]) => [keys, keys === "R  F" && length ? "lengthen, shorten the section" : does]);
-}
-
 const DRIVE_KEYS = new Set([
   "Space", "KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "KeyR", "KeyF",
-  "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight",
+  "KeyC", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight",
 ]);
 
-/** @param on {stop(), section(index), speed(step)} */
+/** @param on {stop(), section(index), speed(step), next("mode" or "frame")} */
 export function listenToKeys(driving, on) {
   window.addEventListener("keydown", (event) => {
     if (event.code === "Escape") {
@@ -41,6 +19,8 @@ export function listenToKeys(driving, on) {
       if (!event.repeat) driving.keyDown(event.code);
     } else if (!event.repeat && /^(Digit|Numpad)[1-9]$/.test(event.code)) {
       on.section(Number(event.code.slice(-1)) - 1);
+    } else if (!event.repeat && (event.code === "KeyM" || event.code === "KeyV")) {
+      on.next(event.code === "KeyM" ? "mode" : "frame");
     } else if (!event.repeat && (event.key === "-" || event.key === "+" || event.key === "=")) {
       on.speed(event.key === "-" ? -1 : 1);
     }

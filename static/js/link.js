@@ -36,10 +36,10 @@ export class Link {
   }
 
   /** Ask for something; resolves to {ok, reasons}, also when the line breaks. */
-  act(what, value = null) {
+  act(what, value = null, text = "") {
     return new Promise((resolve) => {
       const id = ++this.requestId;
-      if (this.#send({ type: "act", id, what, value })) this.requests.set(id, resolve);
+      if (this.#send({ type: "act", id, what, value, text })) this.requests.set(id, resolve);
       else resolve(LOST);
     });
   }

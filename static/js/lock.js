@@ -18,12 +18,6 @@ export class Lock {
     this.facts = facts;
     const range = facts.limits.length_mm;
     for (const element of document.querySelectorAll(".of-length")) element.hidden = !range;
-    // What no drive feeds is lengthened with the same keys and buttons.
-    if (range && !facts.limits.feed_mm) {
-      for (const [id, word] of [["feed-in", "Lengthen"], ["feed-out", "Shorten"]]) {
-        [...byId(id).childNodes].find((node) => node.nodeType === Node.TEXT_NODE).data = word;
-      }
-    }
   }
 
   snapshot(state, phase) {

@@ -1,11 +1,12 @@
 // The operator's page: joins the link to the console with the controls and the instruments.
 
 import { Driving } from "./driving.js";
-import { byId, figure, make, PLACE, setList, setText } from "./format.js";
+import { byId, figure, PLACE, setList, setText } from "./format.js";
 import { Instruments } from "./instruments.js";
-import { keyMap, listenToKeys } from "./keyboard.js";
+import { listenToKeys } from "./keyboard.js";
 import { Link } from "./link.js";
 import { Lock } from "./lock.js";
+import { choice, Modes, press, speedLabels } from "./modes.js";
 import { PadPicture } from "./pad.js";
 import { Tables, tabs } from "./tables.js";
 import { holdButton, stick } from "./touch.js";
@@ -17,6 +18,7 @@ const instruments = new Instruments();
 const pad = new PadPicture();
 const tables = new Tables();
 const lock = new Lock((what) => ask(what));
+const modes = new Modes((what, value, text) => ask(what, value, text));
 
 let facts = null;
 let state = null;
@@ -30,6 +32,7 @@ const link = new Link({
     showFacts();
     instruments.welcome(message);
     lock.welcome(message);
+    modes.welcome(message);
   },
   snapshot(message) {
     state = message;
@@ -48,12 +51,13 @@ const sticks = {};
 const driving = new Driving(
   (reading) => link.controls(reading),
   (reading) => {
+    const twists = reading.buttons.includes("right_shoulder");
     sticks.left?.(reading.left);
-    sticks.right?.(reading.buttons.length ? [0, 0] : reading.right);
+    sticks.right?.(twists ? [0, 0] : reading.right);
     byId("hold").classList.toggle("held", reading.held);
     document.body.classList.toggle("held", reading.held);
     for (const [id, on] of [
-      ["twist-left", reading.buttons.length && reading.right[0] < 0], ["twist-right", reading.buttons.length && reading.right[0] > 0],
+      ["twist-left", twists && reading.right[0] < 0], ["twist-right", twists && reading.right[0] > 0],
       ["feed-in", reading.rt > 0], ["feed-out", reading.lt > 0],
     ]) byId(id).classList.toggle("active", Boolean(on));
   },
@@ -61,8 +65,8 @@ const driving = new Driving(
 
 // ---------------------------------------------------------------- asking
 
-async function ask(what, value = null) {
-  const answer = await link.act(what, value);
+async function ask(what, value = null, text = "") {
+  const answer = await link.act(what, value, text);
   const reasons = answer.reasons.join("; ");
   showAnswer(answer.ok ? reasons : `${REQUESTS[what]} refused: ${reasons || "no reason given"}`);
 }
@@ -120,6 +124,7 @@ listenToKeys(driving, {
   section: (index) => {
     if (facts && index < facts.sections.length) ask("section", index);
   },
+  next: (what) => modes.next(what),
   speed: (step) => {
     if (!facts || !state) return;
     const index = Math.min(facts.speed_levels.length - 1, Math.max(0, state.speed + step));
@@ -153,26 +158,12 @@ function showFacts() {
   const versions = Object.entries(facts.versions).map(([name, version]) => `${name} ${version}`);
   setText(byId("versions"), versions[0] ?? "");
   byId("versions").title = versions.join("\n");
-  setText(byId("stick-right-name"), facts.sections.at(-1) ?? "tip");
   document.body.dataset.role = facts.role;
   setText(byId("user"), `${facts.user}, ${facts.role}`);
   byId("danger").hidden = !facts.danger;
   setText(byId("danger"), facts.danger);
-  const choice = (kind, labels) => labels.map((label, i) => {
-    const button = make("button", "", label);
-    button.type = "button";
-    button.dataset.testid = `${kind}-${i + 1}`;
-    button.addEventListener("click", () => ask(kind, i));
-    return button;
-  });
-  byId("sections").replaceChildren(...choice("section", facts.sections));
-  byId("speeds").replaceChildren(...choice("speed", facts.speed_levels.map((level) => `${figure(100 * level)} %`)));
-  byId("pad-map").replaceChildren(...mapRows(facts.pad_map));
-  byId("key-map").replaceChildren(...mapRows(keyMap(facts)));
-}
-
-function mapRows(rows) {
-  return rows.map(([control, does]) => make("div", "", make("dt", "", control), make("dd", "", does)));
+  byId("sections").replaceChildren(...choice("section", facts.sections, (i) => ask("section", i)));
+  byId("speeds").replaceChildren(...choice("speed", speedLabels(facts.speed_levels), (i) => ask("speed", i)));
 }
 
 function draw() {
@@ -186,10 +177,9 @@ function draw() {
   setText(byId("page-link"), link.connected ? `${figure(link.roundTrip)} ms` : "cut off");
   if (!state || !facts) return;
   showWho(phase);
-  for (const [id, chosen] of [["sections", state.section], ["speeds", state.speed]]) {
-    [...byId(id).children].forEach((button, i) => button.setAttribute("aria-pressed", i === chosen));
-  }
-  setText(byId("stick-left-name"), facts.sections[state.section] ?? "section");
+  press("sections", state.section);
+  press("speeds", state.speed);
+  modes.snapshot(state);
   instruments.snapshot(state);
   lock.snapshot(state, phase);
   tables.snapshot(state);

@@ -55,4 +55,6 @@ export function reasonsTitle(phase, reasons) {
 export const REQUESTS = {
   arm: "Arm", disarm: "Disarm", home: "Home", clear: "Clear", stop: "STOP", quit: "Quit",
   lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
+  mode: "Mode", frame: "View", pose: "Pose",
+  save_pose: "Save", delete_pose: "Delete", hand_feed: "Length",
 };

@@ -524,3 +524,86 @@ def test_text_and_edges_have_the_contrast_of_wcag_aa(scheme: str) -> None:
     assert contrast(colours["on-accent"], colours["accent"]) >= 4.5
     assert contrast(colours["on-accent"], colours["go"]) >= 4.5
     assert contrast(colours["edge"], colours["panel"]) >= 3.0, "edges of controls"
+
+
+# ---------------------------------------------------------------- modes
+
+
+def choose(session: FakeSession, mode: str, **motion: Any) -> None:
+    rest = {"words": [], "share": 1.0, "fallbacks": 0, "path": None, "poses": ["inspect", "home"], "pose": ""}
+    session.changes.update(mode=mode, motion={**rest, "hand_feed": None, **motion})
+
+
+def test_each_mode_tells_in_one_line_what_it_does_and_what_sticks_and_buttons_do(
+    page: Any, session: FakeSession
+) -> None:
+    expect(page.get_by_test_id("mode-help")).to_contain_text("one section at a time")
+    page.get_by_test_id("mode-2").click()
+    session.wait(lambda: ("mode", 1) in [(what, value) for _, what, value in session.acts])
+    choose(session, "tip")
+    expect(page.get_by_test_id("mode-2")).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#stick-left-name")).to_have_text("move tip")
+    expect(page.get_by_test_id("feed-in")).to_contain_text("Advance")
+    expect(page.locator("#pad-map")).to_contain_text("advance along the line of sight")
+    choose(session, "following")
+    expect(page.locator("#stick-right-name")).to_have_text("not used")
+    choose(session, "straighten", words=["to go: 40° of bend"])
+    expect(page.get_by_test_id("mode-help")).to_contain_text("To go: 40° of bend.")
+
+
+def test_what_binds_and_what_is_outside_are_warned_of_in_the_place_of_the_help(page: Any, session: FakeSession) -> None:
+    choose(session, "tip", words=["section tip is bent as far as it may"])
+    session.changes["feed_mm"] = 342.0
+    line = page.get_by_test_id("mode-help")
+    expect(line).to_have_text(
+        re.compile("42 mm of the passive body are outside.*Section tip is bent as far as it may\\.")
+    )
+    expect(line).to_have_class("warning")
+
+
+def test_tip_following_shows_how_far_the_body_is_off_its_path(page: Any, session: FakeSession) -> None:
+    choose(session, "following", path={"deviation_mm": 1.23, "deviation_max_mm": 3.5, "length_mm": 250.0})
+    expect(page.get_by_test_id("path")).to_have_text(re.compile(r"Off the path\s+1\.2 mm at most\s+3\.5 mm"))
+    choose(session, "section")
+    expect(page.get_by_test_id("path")).to_be_hidden()
+
+
+def test_poses_are_chosen_saved_and_deleted(page: Any, session: FakeSession) -> None:
+    choose(session, "pose")
+    page.get_by_test_id("pose").select_option("inspect")
+    choose(session, "pose", pose="inspect")
+    page.get_by_test_id("save-pose").click()
+    page.get_by_test_id("pose-name").fill("blade 3")
+    page.keyboard.press("Space")  # typed, not driven
+    page.get_by_test_id("pose-name").fill("blade 3")
+    page.get_by_test_id("save-pose-confirm").click()
+    page.get_by_test_id("delete-pose").click()
+    page.get_by_test_id("delete-pose-confirm").click()
+    session.wait(lambda: len(session.texts) >= 3)
+    asked = list(zip(session.requests, session.texts, strict=True))
+    assert asked == [("pose", "inspect"), ("save_pose", "blade 3"), ("delete_pose", "inspect")]
+    assert not any(DEAD_MAN in controls.buttons for _, _, controls in session.received)
+
+
+def test_the_length_fed_by_hand_is_typed_in_and_waits_for_the_dead_man(page: Any, session: FakeSession) -> None:
+    session.facts = {"hand_fed": True}
+    page.reload()
+    choose(session, "section", hand_feed={"told_mm": 250.0, "used_mm": 300.0, "source": "number"})
+    button = page.get_by_test_id("hand-feed")
+    expect(button).to_have_text("Fed by hand: 300 mm, told 250 mm: hold to drive")
+    button.click()
+    page.get_by_test_id("hand-feed-length").fill("240,5")
+    page.get_by_test_id("hand-feed-confirm").click()
+    session.wait(lambda: session.texts == ["240,5"])
+    assert session.requests == ["hand_feed"]
+
+
+def test_c_is_the_clutch_and_m_and_v_choose_mode_and_view(page: Any, session: FakeSession) -> None:
+    page.keyboard.down("Space")
+    page.keyboard.down("KeyC")
+    session.wait(lambda: is_at(session, buttons=HELD | {"a"}))
+    page.keyboard.up("KeyC")
+    page.keyboard.up("Space")
+    page.keyboard.press("m")
+    page.keyboard.press("v")
+    session.wait(lambda: [(what, value) for _, what, value in session.acts] == [("mode", 1), ("frame", 1)])

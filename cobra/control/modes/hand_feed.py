@@ -23,7 +23,7 @@ class HandFeed:
     """Where the exposed length is on its way from what was used to what was told."""
 
     def __init__(self, description: RobotDescription) -> None:
-        self.offered = description.feed is None and bool(description.active_sections)
+        self.offered = description.hand_fed
         self._most_m = description.backbone.total_length_m
         self._rate = min(FASTEST_M_S, unbending_feed(description))
         self._acceleration = self._rate / RAMP_S
@@ -74,7 +74,7 @@ class HandFeed:
 
     def _refusal(self, length_m: float) -> str:
         if not self.offered:
-            return "this robot has a drive for the feed: its length is known, and nobody tells it"
+            return "this robot is not fed by hand (hand_fed in its description): nobody tells it its length"
         if not math.isfinite(length_m) or not 0.0 <= length_m <= self._most_m:
             return f"{length_m * 1e3:.0f} mm: the exposed length must lie between 0 and {self._most_m * 1e3:.0f} mm"
         return ""

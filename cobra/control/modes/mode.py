@@ -48,7 +48,10 @@ def modes_of(description: RobotDescription) -> tuple[ModeName, ...]:
     """The modes that make sense for a robot, the first one to begin with.
 
     One without tendons of its own is twisted and fed, and goes to saved poses; it has nothing to steer or to straighten.
+    Nothing follows a tip that is not fed.
     """
     if not description.active_sections:
         return ("section", "pose")
-    return ("section", "tip", "following", "straighten", "pose")
+    if description.feed or description.hand_fed:
+        return ("section", "tip", "following", "straighten", "pose")
+    return ("section", "tip", "straighten", "pose")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from app.console.guides import guides, pad_map
 from app.console.inputs import Controls
 from app.console.mapping import (
-    PAD_MAP,
     Profile,
     Selection,
     centred,
@@ -17,7 +17,6 @@ from app.console.mapping import (
     fault_of,
     first_selection,
     map_controls,
-    pad_map,
     rescale,
     shape_axis,
     shape_stick,
@@ -29,7 +28,7 @@ BORESCOPE = msgspec.structs.replace(
     COBRA, sections=tuple(msgspec.structs.replace(section, routing=None) for section in COBRA.sections)
 )
 SRC_BOT = load_description("src-bot")
-HAND_FED = msgspec.structs.replace(COBRA, twist=None, feed=None)
+HAND_FED = msgspec.structs.replace(COBRA, twist=None, feed=None, hand_fed=True)
 LINEAR = Profile(stick_dead_zone=0.1, trigger_dead_zone=0.1, expo=0.0)
 BASE = Selection(0, 1)
 REST = Controls()
@@ -220,8 +219,21 @@ def test_whatever_a_sound_pad_reads_the_intent_is_within_one_and_centred_means_a
 
 
 def test_the_printed_map_names_every_control_that_acts():
-    printed = " ".join(control for control, _ in PAD_MAP)
-    for control in ("LB", "Left stick", "Right stick", "RB", "Left trigger", "Right trigger", "D-pad", "B", "Start"):
+    printed = " ".join(control for control, _ in pad_map(COBRA))
+    for control in (
+        "A",
+        "Y",
+        "Back",
+        "LB",
+        "Left stick",
+        "Right stick",
+        "RB",
+        "Left trigger",
+        "Right trigger",
+        "D-pad",
+        "B",
+        "Start",
+    ):
         assert control in printed
 
 
@@ -247,10 +259,73 @@ def test_each_robots_map_tells_of_what_it_has_and_of_nothing_else():
     assert "twist" not in src_bot
     assert "twist" in borescope
     assert "Left stick" not in borescope
-    assert pad_map(COBRA) == PAD_MAP
 
 
 @pytest.mark.parametrize(("description", "asked"), [(SRC_BOT, ("lock",)), (COBRA, ())])
 def test_only_a_robot_that_can_lock_has_a_button_for_it(description, asked):
     pressed = Controls(buttons=frozenset({"x"}))
     assert map_controls(pressed, REST, BASE, LINEAR, description).actions == asked
+
+
+# ---------------------------------------------------------------------- modes
+
+
+def in_mode(mode, controls, description=COBRA, **selection):
+    chosen = msgspec.structs.replace(BASE, mode=mode, **selection)
+    return map_controls(controls, REST, chosen, LINEAR, description).intent
+
+
+FULL = Controls(left=(0.6, -0.8), right=(1.0, 0.0), right_trigger=1.0)
+
+
+def test_in_tip_mode_the_left_stick_moves_the_right_one_rolls_and_the_triggers_advance():
+    intent = in_mode("tip", FULL)
+    assert intent.primary == pytest.approx((0.6, -0.8))
+    assert (intent.twist, intent.feed, intent.secondary) == (1.0, 1.0, (0.0, 0.0))
+    # A robot that is fed by hand advances by its sections; there is nothing to roll it with.
+    by_hand = in_mode("tip", FULL, HAND_FED)
+    assert (by_hand.twist, by_hand.feed) == (0.0, 1.0)
+
+
+def test_in_tip_following_the_left_stick_steers_and_the_base_is_not_twisted():
+    intent = in_mode("following", FULL)
+    assert (intent.twist, intent.feed, intent.secondary) == (0.0, 1.0, (0.0, 0.0))
+    assert in_mode("following", FULL, HAND_FED).feed == 0.0
+
+
+@pytest.mark.parametrize("mode", ["straighten", "pose"])
+def test_going_to_a_shape_the_sticks_do_nothing_and_the_pose_is_sent_held_or_not(mode):
+    for controls in (FULL, REST, Controls(connected=False)):
+        intent = in_mode(mode, controls, pose="inspect")
+        assert not any((*intent.primary, *intent.secondary, intent.feed, intent.twist, intent.length))
+        assert intent.pose == "inspect"
+
+
+def test_the_clutch_takes_the_sticks_away_and_keeps_the_dead_man():
+    clutched = msgspec.structs.replace(FULL, buttons=frozenset({"a", "left_shoulder"}))
+    mapped = map_controls(clutched, REST, BASE, LINEAR, COBRA)
+    assert mapped.held
+    assert mapped.intent.primary == (0.0, 0.0)
+    assert mapped.intent.feed == 0.0
+
+
+def test_y_and_back_step_through_modes_and_views_and_around():
+    chosen, seen = BASE, []
+    for button in ("y", "y", "back", "y", "y", "back", "y", "back"):
+        chosen = map_controls(Controls(buttons=frozenset({button})), REST, chosen, LINEAR, COBRA).selection
+        seen.append(chosen.mode if button == "y" else chosen.frame)
+    assert seen == ["tip", "following", "base", "straighten", "pose", "tip", "section", "world"]
+
+
+def test_each_mode_has_a_guide_that_names_only_what_acts_in_it():
+    assert [guide.name for guide in guides(COBRA)] == ["section", "tip", "following", "straighten", "pose"]
+    assert [guide.name for guide in guides(SRC_BOT)] == ["section", "tip", "straighten", "pose"], "it is not fed"
+    assert [guide.title for guide in guides(BORESCOPE)] == ["Twist and feed", "Saved pose"]
+    for robot in (COBRA, HAND_FED, SRC_BOT, BORESCOPE):
+        for guide in guides(robot):
+            intent = in_mode(guide.name, FULL, robot, section=robot.active_sections[-1] if robot.active_sections else 0)
+            told = " ".join(line.pad for line in guide.lines)
+            assert any(intent.primary) == bool(guide.left) == ("Left stick" in told), (robot.name, guide.name)
+            assert any((intent.feed, intent.length)) == bool(guide.feed), (robot.name, guide.name)
+            assert guide.help.endswith(".")
+            assert all(line.does for line in guide.lines)

@@ -503,3 +503,36 @@ def test_a_button_that_locks_acts_like_start_only_while_nobody_drives():
     desk.holds(REST)
     desk.holds(Controls(buttons=frozenset({"x"})))
     assert desk.pilot.take_actions() == ("lock",)
+
+
+# ---------------------------------------------------------------------- modes, views, poses, clutch
+
+
+def test_mode_view_and_pose_are_chosen_while_nobody_drives(desk):
+    assert desk.pilot.choose("page 1", mode=1, frame=2, pose="inspect") == ""
+    wanted = desk.tick()
+    assert (wanted.selection.mode, wanted.intent.frame, wanted.intent.pose) == ("tip", "tip", "inspect")
+    assert "no mode 9" in desk.pilot.choose("page 1", mode=9)
+    assert "no view 3" in desk.pilot.choose("page 1", frame=3)
+    desk.drive()
+    assert "let go first" in desk.pilot.choose("page 1", mode=0)
+    desk.pad.holds = Controls(left=(1.0, 0.0), buttons=LB | {"y", "back"})
+    wanted = desk.tick(3)
+    assert wanted.held
+    assert (wanted.selection.mode, wanted.intent.frame) == ("tip", "tip")
+
+
+def test_the_pad_steps_through_the_modes_when_it_lets_go(desk):
+    desk.holds(Controls(buttons=frozenset({"y"})))
+    assert desk.holds(REST).selection.mode == "tip"
+
+
+def test_the_clutch_keeps_the_drive_and_takes_the_sticks_until_they_are_centred(desk):
+    desk.drive()
+    wanted = desk.holds(Controls(left=(1.0, 0.0), buttons=LB | {"a"}))
+    assert wanted.held
+    assert wanted.intent.primary == (0.0, 0.0)
+    assert desk.holds(BENDING).intent.primary == (0.0, 0.0), "let go of, but not centred"
+    assert desk.words() == "clutch: centre the sticks and let go of it"
+    assert desk.holds(HELD).held
+    assert desk.holds(BENDING).intent.primary == (1.0, 0.0)

@@ -258,7 +258,7 @@ def test_a_length_that_cannot_be_is_refused_in_words(length):
 def test_a_robot_with_a_feed_drive_is_told_no_length(cobra):
     reply = cobra.ask(Request(what="hand_feed", value=0.2, lease=cobra.lease))
     assert not reply.ok
-    assert "has a drive for the feed" in reply.reasons[0]
+    assert "is not fed by hand" in reply.reasons[0]
     assert cobra.state.motion.hand_feed is None
 
 

@@ -1,0 +1,150 @@
+"""What every control does in every mode of a robot, and each mode in one line: for the page, the README and --help."""
+
+from typing import NamedTuple
+
+from cobra.control.modes.mode import ModeName, modes_of
+from cobra.description import RobotDescription
+
+
+class Line(NamedTuple):
+    """One control: on a pad, on the keyboard (empty where it has none), and what it does."""
+
+    pad: str
+    keys: str
+    does: str
+
+
+class Guide(NamedTuple):
+    """One mode, for people."""
+
+    name: ModeName
+    title: str
+    help: str
+    left: str
+    """What the left stick does, in a word or two; empty for nothing. So the others."""
+    right: str
+    feed: str
+    twist: str
+    lines: tuple[Line, ...]
+
+
+ALWAYS = (
+    Line("D-pad up/down", "− +", "speed: one level up, one level down"),
+    Line("A (hold)", "C (hold)", "clutch: the sticks do nothing, until it is let go of and they are centred"),
+    Line("Y", "M", "next mode, while nobody drives"),
+    Line("Back", "V", "next view that the sticks go by, while nobody drives"),
+    Line("B", "Esc", "STOP, at any time"),
+    Line("Start", "", "arm"),
+)
+
+
+def guides(description: RobotDescription) -> tuple[Guide, ...]:
+    """One guide for each mode that the robot offers, in their order: only what this robot has."""
+    return tuple(_guide(name, description) for name in modes_of(description))
+
+
+def pad_map(description: RobotDescription, mode: ModeName = "section") -> tuple[tuple[str, str], ...]:
+    """What every control of a pad does in a mode."""
+    return tuple((line.pad, line.does) for line in _guide(mode, description).lines)
+
+
+def _guide(mode: ModeName, d: RobotDescription) -> Guide:
+    match mode:
+        case "tip":
+            return _tip(d)
+        case "following":
+            return _following(d)
+        case "straighten":
+            return Guide(
+                mode,
+                "Straighten",
+                "Hold to drive: all sections straighten, twist and feed stay. Letting go stops.",
+                *("", "", "", ""),
+                (_hold("straighten while it is held; letting go stops"), *ALWAYS),
+            )
+        case "pose":
+            return Guide(
+                mode,
+                "Saved pose",
+                "Choose a pose, then hold to drive: the robot goes there on a straight way of its joints. Letting go stops.",
+                *("", "", "", ""),
+                (_hold("go to the chosen pose while it is held; letting go stops"), *ALWAYS),
+            )
+        case _:
+            return _section(d)
+
+
+def _section(d: RobotDescription) -> Guide:
+    active = d.active_sections
+    lines = [_hold()]
+    if active:
+        lines.append(Line("Left stick", "W A S D", "bend the chosen section; up is up in the chosen view"))
+    if any(d.sections[i].elongation for i in active):
+        shift = "RB + r" if d.feed else "R"
+        lines.append(Line(f"{shift}ight trigger", "" if d.feed else "R", "lengthen the section"))
+        lines.append(Line(f"{'RB + l' if d.feed else 'L'}eft trigger", "" if d.feed else "F", "shorten the section"))
+        lines.append(Line("X", "", "lock, or unlock; then hold LB until it is done"))
+    if len(active) > 1:
+        lines.append(Line("Right stick", "arrow keys", "bend the tip section"))
+    if d.twist:
+        but = "; the right stick then does not bend" if active else ""
+        lines.append(Line("RB + right stick left/right", "Q E", f"twist{but}"))
+    lines += _feeding(d, "feed in", "feed out")
+    if len(active) > 1:
+        lines.append(Line("D-pad left/right", "1 2 3 …", "choose the section: towards the base, towards the tip"))
+    does = "Bend one section at a time, twist and feed." if active else "Twist and feed the body."
+    return Guide(
+        "section",
+        "Section" if active else "Twist and feed",
+        does,
+        "bend" if active else "",
+        "bend" if len(active) > 1 else "",
+        "feed" if d.feed else "length" if any(d.sections[i].elongation for i in active) else "",
+        "twist" if d.twist else "",
+        (*lines, *ALWAYS),
+    )
+
+
+def _tip(d: RobotDescription) -> Guide:
+    lines = [
+        _hold(),
+        Line("Left stick", "W A S D", "move the tip across the chosen view; up is up"),
+        Line("Right trigger", "R", "advance along the line of sight"),
+        Line("Left trigger", "F", "go back along it"),
+    ]
+    if d.twist:
+        lines.append(Line("Right stick left/right", "Q E", "roll the picture"))
+    return Guide(
+        "tip",
+        "Tip",
+        "Move the tip where the stick points; all sections share the work. What cannot be reached slows down and stops.",
+        "move tip",
+        "roll" if d.twist else "",
+        "advance",
+        "roll" if d.twist else "",
+        (*lines, *ALWAYS),
+    )
+
+
+def _following(d: RobotDescription) -> Guide:
+    lines = [_hold(), Line("Left stick", "W A S D", "steer the tip; the path ahead turns with it")]
+    lines += _feeding(d, "feed in: the body follows where the tip has been", "feed out, back along the path")
+    by_hand = "" if d.feed else " Feed by hand and say how far."
+    return Guide(
+        "following",
+        "Tip following",
+        f"Steer and feed: the body stays on the path of the tip, and comes back along it.{by_hand}",
+        "steer",
+        "",
+        "feed" if d.feed else "",
+        "",
+        (*lines, *ALWAYS),
+    )
+
+
+def _feeding(d: RobotDescription, inwards: str, outwards: str) -> list[Line]:
+    return [Line("Right trigger", "R", inwards), Line("Left trigger", "F", outwards)] if d.feed else []
+
+
+def _hold(does: str = "drive while it is held; letting go stops") -> Line:
+    return Line("LB (hold)", "Space (hold)", does)
