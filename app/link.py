@@ -4,7 +4,8 @@ cobra/<robot>/state     robot → all     RobotState, every tick; only the newes
 cobra/<robot>/history   robot → recorders   the same states, a tenth of a second in one message: none is dropped for being late
 cobra/<robot>/event     robot → all     Event
 cobra/<robot>/heard     robot → recorders   Heard: commands with the robot's verdict, answered requests
-cobra/<robot>/truth     twin → tests and plots only
+cobra/<robot>/truth     twin → tests, plots and the 3D view only
+cobra/<robot>/push      anybody → twin only: Push, a force on its body. On hardware nobody listens.
 cobra/<robot>/command   driver → robot  Command
 cobra/<robot>/stop      anybody → robot Stop
 cobra/<robot>/length    anybody → robot HandFedLength: what a measuring device reads, of a robot that is fed by hand
@@ -31,6 +32,7 @@ from cobra.messages import (
     HandFedLength,
     Heard,
     Meta,
+    Push,
     Reply,
     Request,
     RobotState,
@@ -91,6 +93,7 @@ class RobotLink:
         on_stop: Callable[[bytes], None],
         on_request: Callable[[bytes, Callable[[Reply], None]], None],
         on_length: Callable[[bytes], None] = lambda data: None,
+        on_push: Callable[[bytes], None] | None = None,
     ) -> None:
         """Open the link.
 
@@ -119,6 +122,11 @@ class RobotLink:
             session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
             session.declare_subscriber(name("stop"), lambda sample: on_stop(sample.payload.to_bytes())),
             session.declare_subscriber(name("length"), lambda sample: on_length(sample.payload.to_bytes())),
+            *(
+                (session.declare_subscriber(name("push"), lambda sample: on_push(sample.payload.to_bytes())),)
+                if on_push
+                else ()
+            ),
             session.declare_queryable(name("request"), request),
             session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
             session.declare_queryable(name("audit"), lambda query: query.reply(query.key_expr, self._audit())),
@@ -217,9 +225,14 @@ class ConsoleLink:
         self._command = _newest_only(session, key(self._robot, "command"))
 
     def watch_truth(self) -> None:
-        """Also hear the twin's truth from now on, for `touch`."""
+        """Also hear the twin's truth from now on, for `touch` and `truth`."""
         if self._session is not None:
             self._subscribers.append(self._session.declare_subscriber(key(self._robot, "truth"), self._take_truth))
+
+    @property
+    def truth(self) -> bytes | None:
+        """The twin's newest truth, where it is watched; None on hardware."""
+        return self._truth or None
 
     @property
     def touch(self) -> Touch | None:
@@ -252,6 +265,11 @@ class ConsoleLink:
     def send(self, command: Command) -> None:
         if self._session is not None:
             self._command.put(encode(command))
+
+    def push(self, push: Push) -> None:
+        """Push on the twin."""
+        if self._session is not None:
+            self._session.put(key(self._robot, "push"), encode(push))
 
     def send_stop(self, stop: Stop) -> None:
         if self._session is not None:

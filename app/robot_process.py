@@ -18,6 +18,7 @@ from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from app.people.audit import AuditTrail
 from app.robot_deeds import RobotDeeds
+from app.twin_pushes import TwinPushes
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
 from cobra.control.poses import PoseBook
@@ -106,14 +107,21 @@ def run_robot(
         )
         poses.complain = loop.warn
         poses.start()
-        link.start(loop.inbox.command, _both(loop.inbox.stop, deeds.stopped), loop.inbox.request, loop.inbox.length)
+        pushes = TwinPushes(world.plant, description, clock) if world and world.plant else None
+        link.start(
+            loop.inbox.command,
+            _both(loop.inbox.stop, deeds.stopped),
+            loop.inbox.request,
+            loop.inbox.length,
+            pushes.take if pushes else None,
+        )
         runtime.register("robot", description.name, endpoint)
         watch = _Watch(link, lambda: loop.abandon(leave_when_orphaned), orphaned_s)
         helpers = [
             threading.Thread(target=watch.run, args=(done,), name="watch", daemon=True),
             threading.Thread(target=loop.prepare, name="prepare", daemon=True),
         ]
-        if publish := _truth_publisher(world, link):
+        if publish := _truth_publisher(world, link, pushes):
             helpers.append(threading.Thread(target=publish, args=(done,), name="truth", daemon=True))
         for helper in helpers:
             helper.start()
@@ -163,7 +171,9 @@ def _world(description: RobotDescription) -> World | None:
     return world_of(simulated[0].channel) if simulated else None
 
 
-def _truth_publisher(world: World | None, link: RobotLink) -> Callable[[threading.Event], None] | None:
+def _truth_publisher(
+    world: World | None, link: RobotLink, pushes: TwinPushes | None
+) -> Callable[[threading.Event], None] | None:
     """A thread's body that publishes the twin's truth, for tests and the scene only; None without a twin here."""
     plant = world.plant if world else None
     if plant is None:
@@ -171,6 +181,8 @@ def _truth_publisher(world: World | None, link: RobotLink) -> Callable[[threadin
 
     def publish(done: threading.Event) -> None:
         while not done.wait(1.0 / TRUTH_RATE_Hz):
+            if pushes is not None:
+                pushes.expire()
             link.publish_truth(msgspec.msgpack.encode(plant.truth(), enc_hook=lambda array: array.tolist()))
 
     return publish

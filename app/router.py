@@ -103,7 +103,7 @@ def access_rules(accounts: Sequence[Account]) -> dict[str, Any]:
         _allow("listen", ("ingress",), LISTENING, [f"cobra/*/{name}" for name in SEEN]),
         _allow("ask what it is", ("ingress",), ("query",), ["cobra/*/meta"]),
         _allow("stop", ("ingress",), ("put",), ["cobra/*/stop"]),
-        _allow("drive", ("ingress",), ("put",), ["cobra/*/command"]),
+        _allow("drive", ("ingress",), ("put",), ["cobra/*/command", "cobra/*/push"]),
         # A publisher sends only what it was told that somebody listens to.
         _allow("know the robot listens", ("egress",), ("declare_subscriber",), ["cobra/*/command", "cobra/*/stop"]),
         _allow("be a console", ("ingress",), ("liveliness_token",), ["cobra/*/console/*"]),

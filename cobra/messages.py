@@ -94,6 +94,15 @@ class HandFedLength(Message, frozen=True, kw_only=True):
     """Exposed length beyond the entry port."""
 
 
+class Push(Message, frozen=True, kw_only=True):
+    """A force on the twin, as a hand would push it. Only a simulated plant listens; it moves no drive."""
+
+    vertebra: int
+    """Counted as in the twin's truth, base first."""
+    force_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """In the frame of the port; nothing ends the push."""
+
+
 class Event(Message, frozen=True, kw_only=True):
     """Something worth telling people, once."""
 

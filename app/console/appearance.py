@@ -27,6 +27,10 @@ WALL_NEAR, WALL_FAR = 0.05, 0.30
 """Opacity of walls seen from outside, which stand before the robot, and from inside, which stand behind it."""
 BLADE: Rgb = (58, 66, 78)
 CONTACT: Rgb = (255, 128, 40)
+TWIN: Rgb = (232, 120, 190)
+"""What only the twin knows: where it really is."""
+PUSH: Rgb = (255, 214, 90)
+PREDICTED: Rgb = (150, 226, 120)
 GHOST: Rgb = (24, 136, 236)
 TRAIL: Rgb = (96, 196, 255)
 STALE: Rgb = (84, 86, 90)

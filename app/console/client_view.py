@@ -11,7 +11,7 @@ import viser
 from app.console.meshes import Floats
 from app.console.panels import Panels
 from app.console.plots import History, add_plot
-from app.console.scene import PARTS, Scene
+from app.console.scene import EXTRA_PARTS, PARTS, Parts, Scene
 from app.console.surroundings import FOV_RAD, first_camera, up_direction
 from cobra.description import RobotDescription
 
@@ -25,14 +25,21 @@ class ClientView:
     """The choices of one client, inside the shared panels."""
 
     def __init__(
-        self, client: viser.ClientHandle, description: RobotDescription, scene: Scene, panels: Panels, history: History
+        self,
+        client: viser.ClientHandle,
+        description: RobotDescription,
+        scene: Scene,
+        panels: Panels,
+        history: History,
+        parts: Parts = PARTS,
     ) -> None:
         self._client = client
         self._description = description
         self._scene = scene
         self._panels = panels
         self._history = history
-        self._wanted = dict.fromkeys(PARTS, True)
+        self._parts = parts
+        self._wanted = {part: part not in EXTRA_PARTS for part in parts}
         self._hidden: dict[str, viser.SceneNodeHandle] = {}
         self._tip_view = False
         self._changing = threading.Lock()
@@ -46,9 +53,10 @@ class ClientView:
         with self._panels.view_tab:
             mode = gui.add_dropdown("camera", (FREE, TIP))
             mode.on_update(lambda _: self._look_from_tip(mode.value == TIP))
-            for part, (_, label) in PARTS.items():
-                box = gui.add_checkbox(label, True)
+            for part, (_, label) in self._parts.items():
+                box = gui.add_checkbox(label, self._wanted[part])
                 box.on_update(self._box_changed(part))
+                self._show(part)
         with self._panels.plot_tab:
             titles = [channel.title for channel in self._history.channels]
             self._choice = gui.add_dropdown("last 20 s", titles)
@@ -58,6 +66,10 @@ class ClientView:
             self._frame = gui.add_folder(None)
             with self._frame:
                 self._plot = add_plot(gui, self._history, self._shown)
+
+    def shows(self, part: str) -> bool:
+        """Whether this client wants to see a part."""
+        return self._wanted.get(part, False)
 
     def update(self, plot: bool) -> None:
         """After each frame: keep the camera on the tip, if so chosen, and with `plot` send the newest samples."""
@@ -106,6 +118,6 @@ class ClientView:
         """
         visible = self._wanted[part] and not (part == "frame" and self._tip_view)
         if not visible and part not in self._hidden:
-            self._hidden[part] = self._client.scene.add_frame(PARTS[part][0], show_axes=False, visible=False)
+            self._hidden[part] = self._client.scene.add_frame(self._parts[part][0], show_axes=False, visible=False)
         elif visible and part in self._hidden:
             self._hidden.pop(part).remove()

@@ -147,7 +147,7 @@ class Console:
             driver.wake()
 
         pad = Gamepad(on_change=pad_changed, clock=clock) if options.pad else None
-        viewer = Viewer(description, robot.latest, options.frame_rate_Hz)
+        viewer = Viewer(description, robot.latest, options.frame_rate_Hz, truth=robot.truth, push=robot.push)
         viewer.start()
         meta = robot.start()
         if meta.walls is not None:

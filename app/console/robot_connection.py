@@ -9,7 +9,7 @@ from app.console.robot_keeper import RobotKeeper, RobotStartError
 from app.link import ConsoleLink
 from app.link_access import LinkError
 from app.people.audit import Deed
-from cobra.messages import Event, Meta, Reply, RobotState, Touch
+from cobra.messages import Event, Meta, Push, Reply, RobotState, Touch
 
 FIRST_STATE_S = 15.0
 RATE_WINDOW = 50
@@ -45,8 +45,8 @@ class RobotConnection:
         try:
             link.wait_for_state(FIRST_STATE_S)
             meta = link.meta()
-            if meta.walls is not None:
-                link.watch_truth()
+            # On hardware nobody tells it.
+            link.watch_truth()
         except LinkError:
             link.stop()
             raise
@@ -71,6 +71,16 @@ class RobotConnection:
     def touch(self) -> Touch | None:
         """What the twin's walls have to do with it; None without walls."""
         return self._link.touch if self._link else None
+
+    def truth(self) -> bytes | None:
+        """The twin's newest truth; None on hardware, and while the robot process is gone."""
+        link = self.link
+        return link.truth if link else None
+
+    def push(self, push: Push) -> None:
+        """Push on the twin, where there is one."""
+        if link := self.link:
+            link.push(push)
 
     def age(self) -> float:
         """Seconds since the newest state arrived; inf before the first."""

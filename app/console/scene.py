@@ -24,7 +24,8 @@ GHOST_SCALE = 0.97
 SLOW_EVERY = 3
 """Tension colours and trail take turns on every third frame."""
 
-PARTS = {
+Parts = dict[str, tuple[str, str]]
+PARTS: Parts = {
     "ghost": ("/ghost", "commanded"),
     "tendons": ("/tendons", "tendons"),
     "vertebrae": ("/vertebrae", "vertebrae"),
@@ -32,6 +33,11 @@ PARTS = {
     "frame": ("/frame", "tip frame"),
 }
 """What a viewer may hide → its node and its name for people."""
+EXTRA_PARTS: Parts = {
+    "predicted": ("/predicted", "predicted under gravity"),
+    "twin": ("/twin", "the twin itself: drag to push"),
+}
+"""What a viewer sees only when it wants to, on robots that have it."""
 
 
 class BadStateError(ValueError):

@@ -17,14 +17,17 @@ import viser
 from viser import _messages
 
 from app.console.client_view import ClientView
+from app.console.meshes import Floats
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
-from app.console.scene import BadStateError, Scene
+from app.console.prediction import PredictedView, Prediction
+from app.console.scene import EXTRA_PARTS, PARTS, SLOW_EVERY, BadStateError, Parts, Scene
 from app.console.simulated_walls import SimulatedWalls
+from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
 from cobra.clock import Clock, SystemClock
 from cobra.description import RobotDescription
-from cobra.messages import RobotState, Touch, Walls
+from cobra.messages import Push, RobotState, Touch, Walls
 
 log = logging.getLogger("cobra.viewer")
 HOST = "127.0.0.1"
@@ -45,12 +48,19 @@ class Viewer:
         rate_Hz: float = 30.0,
         clock: Clock | None = None,
         stale_s: float = STALE_S,
+        truth: Callable[[], bytes | None] = lambda: None,
+        push: Callable[[Push], None] = lambda push: None,
     ) -> None:
         """`latest` gives the newest state, or None before the first; it is called once a frame.
 
-        What has not changed for `stale_s` is drawn as lost.
+        What has not changed for `stale_s` is drawn as lost. `truth` gives the twin's own, None without one; `push` takes
+        what people push on it with the mouse.
         """
         self._stale_s = stale_s
+        self._truth = truth
+        self._push = push
+        self._twin: TwinView | None = None
+        self._predicted: PredictedView | None = None
         self._description = description
         self._latest = latest
         self._period_s = 1.0 / rate_Hz
@@ -108,6 +118,10 @@ class Viewer:
         self._panels = Panels(self._server, self._description)
         self._history = History(self._description)
         self._scene.start()
+        radius = self._description.backbone.diameter_m / 2.0
+        self._twin = TwinView(self._server, self._description, radius)
+        if prediction := Prediction.of(self._description):
+            self._predicted = PredictedView(self._server, prediction, radius)
         self._panels.start()
         self._server.on_client_connect(self._welcome)
         self._server.on_client_disconnect(self._farewell)
@@ -144,10 +158,14 @@ class Viewer:
         drawn = state if state is not None and self._draw(state, now) else None
         self._shown = drawn or self._shown
         self._frames.append(now)
+        self._counted("twin", partial(self._draw_twin, now))
+        self._number += 1
+        slow = self._number % SLOW_EVERY == 2
+        if drawn is not None and self._predicted is not None and slow and self._wanted("predicted"):
+            self._counted("prediction", partial(self._predicted.update, drawn, self._pushes()))
         if drawn is not None and now >= self._next_sample:
             self._next_sample = now + SAMPLE_S
             self._counted("plot", lambda: self._history.add(drawn))
-        self._number += 1
         if self._walls is not None and self._number % WALLS_EVERY == 0:
             walls, touch = self._walls, self._touch()
             self._counted("walls", lambda: walls.update(touch))
@@ -172,6 +190,28 @@ class Viewer:
             self.errors[str(bad)] += 1
             return False
         return True
+
+    def _draw_twin(self, now: float) -> None:
+        data = self._truth()
+        if data is not None and self._twin is not None and (self._wanted("twin") or not self._twin.built):
+            for push in self._twin.update(data, now):
+                self._push(push)
+
+    def _pushes(self) -> dict[int, Floats]:
+        return self._twin.pushes if self._twin is not None else {}
+
+    def _wanted(self, part: str) -> bool:
+        """Whether anybody looks at a part that costs something only then."""
+        return any(view.shows(part) for view in tuple(self._clients.values()))
+
+    def _parts(self) -> Parts:
+        """What a viewer may hide here, and what it sees only when it wants to."""
+        extra = dict(EXTRA_PARTS)
+        if self._predicted is None:
+            extra.pop("predicted")
+        if self._truth() is None:
+            extra.pop("twin")
+        return PARTS | extra
 
     def _counted(self, what: str, action: Callable[[], object], client: int | None = None) -> None:
         """A fault in one panel or one viewer ends neither the view nor the others; it is counted and logged once.
@@ -198,7 +238,7 @@ class Viewer:
         )
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        view = ClientView(client, self._description, self._scene, self._panels, self._history)
+        view = ClientView(client, self._description, self._scene, self._panels, self._history, self._parts())
 
         def build() -> None:
             with self._building:
@@ -211,6 +251,8 @@ class Viewer:
 
     def _farewell(self, client: viser.ClientHandle) -> None:
         self._clients.pop(client.client_id, None)
+        if self._twin is not None:
+            self._twin.forget(client.client_id)
 
     def _run(self) -> None:
         deadline = self._clock.now()
