@@ -16,7 +16,7 @@ from cobra.simulation.plant import Plant
 
 LAPSE_S = 0.5
 """A push that is not repeated for so long is over: its sender is gone."""
-SHARE = 0.25
+SHARE = 0.1
 """Of a tendon's largest tension: the strongest push."""
 STRONGEST_N = 10.0
 """The same for a robot without tendons."""

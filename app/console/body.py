@@ -124,7 +124,11 @@ class Body:
 
     def _vertebra_places(self) -> Floats:
         """Places of the vertebrae and then of the collars, in sections from the base."""
-        middles = [i + (np.arange(s.vertebrae) + 0.5) / s.vertebrae for i, s in enumerate(self.description.sections)]
+        # Guiders stand at the ends of their chambers; other vertebrae are drawn in the middle of their pitch.
+        middles = [
+            i + (np.arange(s.vertebrae) + (1.0 if s.elongation else 0.5)) / s.vertebrae
+            for i, s in enumerate(self.description.sections)
+        ]
         head = self.sections - 0.5 * self._head_length_m / self.description.sections[-1].length_m
         return np.concatenate([*middles, np.arange(1.0, self.sections), [head]])
 

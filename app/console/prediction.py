@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from app.console import appearance
-from app.console.meshes import Floats, single
+from app.console.meshes import Floats, single, sweep, sweep_faces, unit_circle
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Configuration
 from cobra.mechanics.chain import backbone_frames
@@ -16,6 +16,7 @@ from cobra.mechanics.inverse import BalanceError, inverse_statics
 from cobra.messages import RobotState
 
 NODE = "/predicted"
+SIDES = 24
 PIECES = 6
 """Straight pieces that an arc is drawn with."""
 
@@ -29,14 +30,14 @@ class Prediction:
         assert length is not None
         self._bends, self._length = configuration.bends[0], length
         self._parameters = parameters_of(description)
-        self.points_count = self._parameters.segments * PIECES + 1
+        self.count = self._parameters.segments * PIECES + 1
 
     @classmethod
     def of(cls, description: RobotDescription) -> "Prediction | None":
         return cls(description) if is_chain(description) else None
 
-    def points(self, q: Floats, loads_N: dict[int, Floats]) -> Floats | None:
-        """The backbone (points_count, 3) [m] at the measured q, with forces on guiders by index; None when nothing holds it."""
+    def frames(self, q: Floats, loads_N: dict[int, Floats]) -> Floats | None:
+        """Along the backbone (count, 4, 4) at the measured q, with forces on guiders by index [N]; None when nothing holds it."""
         loads = np.zeros((self._parameters.segments, 3))
         for guider, force in loads_N.items():
             loads[guider] = force
@@ -44,20 +45,27 @@ class Prediction:
             posture = inverse_statics(self._parameters, q[self._bends].tolist(), float(q[self._length]), loads)
         except BalanceError:
             return None
-        return np.asarray(backbone_frames(posture.q, PIECES)[:, :3, 3])
+        return np.asarray(backbone_frames(posture.q, PIECES))
 
 
 class PredictedView:
-    """The predicted backbone as a line in the 3D view."""
+    """The predicted backbone as a sheath around the drawn one in the 3D view."""
 
     def __init__(self, server: viser.ViserServer, prediction: Prediction, radius_m: float) -> None:
         self._prediction = prediction
+        self._radii = np.full(prediction.count, radius_m)
+        self._circle = unit_circle(SIDES)
         server.scene.add_frame(NODE, show_axes=False)
-        self._line = server.scene.add_line_segments(
-            f"{NODE}/line",
-            np.zeros((prediction.points_count - 1, 2, 3)),
-            appearance.linear(appearance.PREDICTED),
-            thickness=0.12 * radius_m,
+        straight = np.tile(np.eye(4), (prediction.count, 1, 1))
+        self._sheath = server.scene.add_mesh_simple(
+            f"{NODE}/sheath",
+            self._vertices(straight),
+            sweep_faces(prediction.count, SIDES),
+            color=appearance.PREDICTED,
+            opacity=0.4,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
             visible=False,
         )
 
@@ -65,7 +73,10 @@ class PredictedView:
         """Predict from the motors' lengths. A rigid robot does not bend, and one that is not homed is not known."""
         known = state.homed and len(state.measured) > 0 and state.lock.status != "rigid"
         q = np.array(state.measured, dtype=float)
-        points = self._prediction.points(q, loads_N) if known and np.isfinite(q).all() else None
-        self._line.visible = points is not None
-        if points is not None:
-            self._line.points = single(np.stack([points[:-1], points[1:]], axis=1))
+        frames = self._prediction.frames(q, loads_N) if known and np.isfinite(q).all() else None
+        self._sheath.visible = frames is not None
+        if frames is not None:
+            self._sheath.vertices = single(self._vertices(frames))
+
+    def _vertices(self, frames: Floats) -> Floats:
+        return sweep(frames[:, :3, 3], frames[:, :3, :3], self._radii, self._circle)

@@ -34,6 +34,8 @@ HOST = "127.0.0.1"
 PANEL_PERIOD_S = 0.2
 WALLS_EVERY = 3
 """Contacts are drawn every so many frames."""
+SHEATH = 1.15
+"""Radius of the predicted shape over that of the drawn tube: seen where they agree as well."""
 RATE_FRAMES = 60
 """Frames over which the frame rate is taken."""
 
@@ -121,7 +123,7 @@ class Viewer:
         radius = self._description.backbone.diameter_m / 2.0
         self._twin = TwinView(self._server, self._description, radius)
         if prediction := Prediction.of(self._description):
-            self._predicted = PredictedView(self._server, prediction, radius)
+            self._predicted = PredictedView(self._server, prediction, SHEATH * self._scene.body.tube_radius_m)
         self._panels.start()
         self._server.on_client_connect(self._welcome)
         self._server.on_client_disconnect(self._farewell)

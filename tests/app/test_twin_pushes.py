@@ -56,7 +56,7 @@ def test_a_push_of_nothing_ends_it_at_once(plant):
         encode(Push(vertebra=5, force_N=(1.0, 0.0, 0.0))),
         encode(Push(vertebra=-1, force_N=(1.0, 0.0, 0.0))),
         encode(Push(vertebra=0, force_N=(float("nan"), 0.0, 0.0))),
-        encode(Push(vertebra=0, force_N=(26.0, 0.0, 0.0))),
+        encode(Push(vertebra=0, force_N=(10.1, 0.0, 0.0))),
     ],
 )
 def test_what_is_no_push_is_counted_and_pushes_nothing(data):
