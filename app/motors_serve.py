@@ -11,6 +11,7 @@ import can
 import msgspec
 
 from app.slcan_endpoints import Endpoint, open_endpoint
+from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import Bus
 from cobra.loading import load_description
 from cobra.motors.channel import one_line
@@ -30,6 +31,8 @@ def serve(
         OperatorError: with one clear line.
     """
     description = load_description(robot)
+    # They stand for hardware: a busy machine must not make them answer late.
+    ask_for_realtime(OTHERS_PRIORITY)
     buses = tuple(msgspec.structs.replace(bus, interface="cobra-sim") for bus in description.buses)
     description = msgspec.structs.replace(description, buses=buses)
     options = {

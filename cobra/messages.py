@@ -128,6 +128,23 @@ class Drives(Message, frozen=True, kw_only=True):
     valid: tuple[bool, ...]
     fault: tuple[str, ...]
     """In words; empty when there is none."""
+    current: tuple[float, ...] = ()
+    """[A] of the motor; positive drives its shaft in its positive direction."""
+    missed: tuple[int, ...] = ()
+    """Replies missed in a row."""
+    warning: tuple[str, ...] = ()
+    """What is near a limit, in words; empty where nothing is."""
+
+
+class Channel(Message, frozen=True, kw_only=True):
+    """One CAN channel."""
+
+    name: str
+    load: float = 0.0
+    """Part of the bit rate that frames took over the last second, 0…1."""
+    frame_rate_Hz: float = 0.0
+    trouble: str = ""
+    """In words with what to do; empty when all is well."""
 
 
 CompensationState = Literal["none", "off", "on"]
@@ -262,6 +279,9 @@ class RobotState(Message, frozen=True, kw_only=True):
     tendons: Tendons = Tendons()
     drops: dict[str, int] = {}
     """Commands that were not obeyed, by reason."""
+    channels: tuple[Channel, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What people should know about the motors, in words."""
     bus: dict[str, int] = {}
     """Frames that were not usable, by reason."""
     timing: Timing = Timing()

@@ -6,13 +6,16 @@ from cobra.clock import ManualClock
 from cobra.control.loop import RobotLoop
 from cobra.description import RobotDescription
 from cobra.messages import Command, Event, Intent, Reply, Request, RobotState, encode
-from cobra.motors.bus import Feedback
+from cobra.motors.bus import ChannelHealth, Feedback
 
 
 class ObedientBus:
     """Implements `MotorBus` without drives: every setpoint is reached within the tick, and nothing carries a load."""
 
     counts: dict[str, int]
+    notes: tuple[str, ...] = ()
+    health: tuple[ChannelHealth, ...] = ()
+    waited_s = 0.0
 
     def __init__(self, drives: int) -> None:
         self.counts = {}

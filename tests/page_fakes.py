@@ -70,6 +70,8 @@ class FakeSession:
             "hints": {},
             "reasons": [],
             "homed": True,
+            "channels": [{"name": "main", "load": 0.41, "trouble": ""}],
+            "notes": ["bus 'main': rmd-v1 drives have no watchdog: they hold their last setpoint"],
             "link": {"ok": True, "robot": True, "age_ms": 6.2},
             "lease": {"holder": "console", "since_s": 12.0, "fresh": True, "asking": []},
             "seat": {"shared": True, "page": "", "console_pad": True},
@@ -112,6 +114,9 @@ class FakeSession:
                     "voltage": 24.1,
                     "load": 2.0,
                     "age_ms": 4.0,
+                    "current": 0.31,
+                    "missed": 0,
+                    "warning": "",
                     "fault": "",
                 }
                 for name in (*TENDONS, "twist", "feed")

@@ -77,7 +77,18 @@ class DriveState(TypedDict):
     voltage: Number
     load: Number
     age_ms: Number
+    current: Number
+    missed: int
+    warning: str
     fault: str
+
+
+class ChannelState(TypedDict):
+    """A CAN channel; `load` is the part of its bit rate in use, `trouble` in words, empty for none."""
+
+    name: str
+    load: float
+    trouble: str
 
 
 class TensionLimits(TypedDict):
@@ -196,6 +207,8 @@ class Snapshot(TypedDict):
     """In the order of `Welcome.tendons` [N]."""
     tension_limits: TensionLimits
     drives: list[DriveState]
+    channels: list[ChannelState]
+    notes: list[str]
     drops: dict[str, int]
     bus: dict[str, int]
     timing: dict[str, float]

@@ -17,6 +17,7 @@ from app.console.page_socket import Asker, What
 from app.console.page_state import (
     Answer,
     Bend,
+    ChannelState,
     DriveState,
     EventLine,
     LockState,
@@ -131,6 +132,8 @@ class ConsoleSession:
             "section": pilot.selection.section,
             "speed": pilot.selection.level,
             "drops": {**(state.drops if state else {}), **pilot.counts, **self._driver.errors},
+            "channels": _channels(state),
+            "notes": [*state.notes] if state else [],
             "bus": state.bus if state else {},
             "timing": {name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
             "events": self._events(state),
@@ -291,6 +294,9 @@ class ConsoleSession:
                     voltage=_number(drives.voltage[i]),
                     load=_number(drives.load[i]),
                     age_ms=_number(drives.age[i] * 1e3),
+                    current=_number(drives.current[i]) if drives.current else None,
+                    missed=drives.missed[i] if drives.missed else 0,
+                    warning=drives.warning[i] if drives.warning else "",
                     fault=drives.fault[i],
                 )
                 for i, drive in enumerate(d.drives)
@@ -322,3 +328,7 @@ def _yes() -> Answer:
 
 def _answer(refusal: str) -> Answer:
     return Answer(ok=not refusal, reasons=[refusal] if refusal else [])
+
+
+def _channels(state: RobotState | None) -> list[ChannelState]:
+    return [ChannelState(name=c.name, load=c.load, trouble=c.trouble) for c in state.channels] if state else []

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.control.authority import Authority
+from cobra.control.drive_watch import DriveWatch, Watched
 from cobra.control.drivetrain import Drivetrain
 from cobra.control.final_action import FinalAction
 from cobra.control.inbox import Inbox
@@ -24,7 +25,7 @@ from cobra.control.motion import Motion
 from cobra.control.motion_requests import motion_acts
 from cobra.control.poses import PoseBook
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
-from cobra.control.report import drives_report, health_of
+from cobra.control.report import channels_report, drives_report, health_of
 from cobra.control.requests import Requests
 from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.tendon_control import TendonControl
@@ -83,6 +84,8 @@ class RobotLoop:
         self.tendons = TendonControl(self.drivetrain)
         self.requests.acts.update(compensation=self._compensate)
         self._limits = DriveLimits(description)
+        self._watch = DriveWatch(description)
+        self._watched: Watched | None = None
         self._timing = LoopTiming(self.period_s)
         self._homing: Homing | None = None
         self._final: FinalAction | None = None
@@ -101,7 +104,7 @@ class RobotLoop:
         start = self.clock.now()
         self._take_stops(start)
         self._take_commands(start)
-        health = health_of(self.description, self.drivetrain.feedback, self.drivetrain.gone)
+        health = health_of(self.description, self.drivetrain.feedback, self.drivetrain.gone, self._watched)
         if self.preparing:
             health = Health(blocking=(self.preparing, *health.blocking), faults=health.faults)
         self._take_requests(start, health)
@@ -110,8 +113,10 @@ class RobotLoop:
         if self.supervisor.phase == "fault" and self._setpoint is not None:
             # Tendons that lost their pull would let the robot fall: the other drives keep standing.
             self._switch_off(hold=True)
+        waited_s = self.drivetrain.bus.waited_s
         self.drivetrain.exchange(self._next_setpoint(moving))
-        state = self._snapshot(start, health)
+        self._watch_drives()
+        state = self._snapshot(start, health, self.drivetrain.bus.waited_s - waited_s)
         self._publish(state)
         self._witness.tell()
         self._tell_changes(state)
@@ -261,6 +266,8 @@ class RobotLoop:
 
     def _start_from_measured(self, feedback: Feedback) -> None:
         """Bumpless: the first setpoint after switching on is where the drives stand."""
+        self._watch.forget()
+        self._watched = None
         if not self.supervisor.homed:
             rest = self.drivetrain.travel_of(self.motion.configuration.rest())
             self.drivetrain.transmission.refer(feedback.angle, rest)
@@ -362,7 +369,13 @@ class RobotLoop:
 
     # ------------------------------------------------------------------ what it tells
 
-    def _snapshot(self, start_s: float, health: Health) -> RobotState:
+    def _watch_drives(self) -> None:
+        drivetrain = self.drivetrain
+        if drivetrain.feedback is not None and not drivetrain.gone:
+            wanted = None if self._setpoint is None else drivetrain.transmission.angle(self._setpoint)
+            self._watched = self._watch.step(drivetrain.feedback, wanted, self.period_s)
+
+    def _snapshot(self, start_s: float, health: Health, waited_s: float) -> RobotState:
         supervisor, now = self.supervisor, self.clock.now()
         travel = self._travel()
         waiting = supervisor.phase in ("disarmed", "fault", "stopped")
@@ -381,10 +394,14 @@ class RobotLoop:
             mode=self.motion.mode,
             commanded=tuple(self.motion.q.tolist()),
             measured=tuple(self._measured().tolist()),
-            drives=drives_report(self.drivetrain.feedback, travel, self._setpoint, self.drivetrain.transmission),
+            drives=drives_report(
+                self.drivetrain.feedback, travel, self._setpoint, self.drivetrain.transmission, self._watched
+            ),
             drops=dict(self.authority.drops + self._malformed + self.requests.malformed),
+            channels=channels_report(self.drivetrain.bus),
+            notes=self.drivetrain.bus.notes,
             bus=dict(self.drivetrain.bus.counts),
-            timing=self._timing.tick(start_s, self.clock.now() - start_s),
+            timing=self._timing.tick(start_s, self.clock.now() - start_s - waited_s),
             tendons=self.tendons.report(),
             lock=self.locking.report(),
             motion=self.motion.report(now),

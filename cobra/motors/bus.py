@@ -75,6 +75,10 @@ class MotorBus(Protocol):
     def health(self) -> tuple[ChannelHealth, ...]:
         """One entry a channel."""
 
+    @property
+    def waited_s(self) -> float:
+        """Seconds spent waiting for frames so far: what an exchange takes without them is computation."""
+
     def open(self) -> None:
         """Open the channels and find the motors.
 

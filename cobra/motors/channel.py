@@ -60,6 +60,7 @@ class Channel:
         self.record: Record | None = None
         self.interrupted = False
         """The channel was gone and is there again; its user clears it."""
+        self.waited_s = 0.0
         self.told_off = False
         """The adapter said bus-off, and nothing was received since."""
         self._options = options
@@ -152,6 +153,7 @@ class Channel:
         """The next frame, of any kind. Raises BusError when the channel is gone."""
         bus = self._open_bus()
         for _ in range(MAX_GARBLED):
+            began_s = self.clock.now()
             try:
                 message = bus.recv(timeout_s)
             except (ValueError, IndexError):
@@ -161,6 +163,7 @@ class Channel:
                 continue
             except CHANNEL_ERRORS as error:
                 raise self.gone("receiving", error) from error
+            self.waited_s += self.clock.now() - began_s
             if message is None:
                 return None
             if self.record is not None:

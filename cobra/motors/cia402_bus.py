@@ -83,6 +83,10 @@ class Cia402Bus:
         return ()
 
     @property
+    def waited_s(self) -> float:
+        return self._channel.waited_s
+
+    @property
     def health(self) -> ChannelHealth:
         return self._channel.health
 

@@ -22,6 +22,8 @@ class MotorChannel(Protocol):
     @property
     def notes(self) -> tuple[str, ...]: ...
     @property
+    def waited_s(self) -> float: ...
+    @property
     def health(self) -> ChannelHealth: ...
     def record_to(self, record: Record | None) -> None: ...
     def enable(self) -> tuple[str, ...]: ...
@@ -61,6 +63,10 @@ class JoinedBus:
     def notes(self) -> tuple[str, ...]:
         """What people should know about these drives."""
         return tuple(note for channel in self._channels for note in channel.notes)
+
+    @property
+    def waited_s(self) -> float:
+        return sum(channel.waited_s for channel in self._channels)
 
     @property
     def health(self) -> tuple[ChannelHealth, ...]:

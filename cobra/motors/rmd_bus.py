@@ -109,6 +109,10 @@ class RmdBus:
         )
 
     @property
+    def waited_s(self) -> float:
+        return self._channel.waited_s
+
+    @property
     def health(self) -> ChannelHealth:
         return self._channel.health
 

@@ -42,25 +42,32 @@ export class Tables {
     setList(byId("events"), state.events.map((event) => [event.level, `${ago(event.ago)} ago · ${event.text}`]));
     const alarms = state.events.filter((event) => event.level === "alarm" && event.ago < 60).length;
     setText(byId("tab-events"), alarms ? `Events (${alarms})` : "Events");
-    const faults = state.drives.filter((drive) => drive.fault).length;
+    const faults = state.drives.filter((drive) => drive.fault || silence(drive)).length;
     setText(byId("tab-drives"), faults ? `Drives (${faults})` : "Drives");
   }
 
   #showDrives(drives) {
     if (this.rows.length !== drives.length) {
-      this.rows = drives.map(() => make("tr", "", ...Array.from({ length: 6 }, () => make("td"))));
+      this.rows = drives.map(() => make("tr", "", ...Array.from({ length: 7 }, () => make("td"))));
       byId("drives").replaceChildren(...this.rows);
     }
     drives.forEach((drive, i) => {
       const unit = drive.moves === "twist" ? "N·m" : "N";
       const cells = [
-        drive.name, `${figure(drive.load, 1, 5)} ${unit}`, `${figure(drive.temperature, 0, 2)} °C`,
-        `${figure(drive.voltage, 1, 4)} V`, `${figure(drive.age_ms, 0, 3)} ms`, drive.fault || "fine",
+        drive.name, `${figure(drive.load, 1, 5)} ${unit}`, `${figure(drive.current, 2, 5)} A`,
+        `${figure(drive.temperature, 0, 2)} °C`, `${figure(drive.voltage, 1, 4)} V`, `${figure(drive.age_ms, 0, 3)} ms`,
+        drive.fault || silence(drive) || drive.warning || "fine",
       ];
       cells.forEach((text, j) => setText(this.rows[i].children[j], text));
-      this.rows[i].classList.toggle("bad", Boolean(drive.fault));
+      this.rows[i].classList.toggle("bad", Boolean(drive.fault || silence(drive)));
+      this.rows[i].classList.toggle("near", Boolean(drive.warning));
     });
   }
+}
+
+// One lost reply is nothing; five in a row hold the robot.
+function silence(drive) {
+  return drive.missed >= 5 ? "no answer: check its power and cable" : "";
 }
 
 function showHealth(state) {
@@ -72,12 +79,16 @@ function showHealth(state) {
     ["Computing, 99 % below", ms(timing.compute_p99)],
     ["Late ticks", figure(timing.late)],
     ["States at the console", `${figure(state.console_rate)} a second`],
+    ...(state.channels ?? []).map(({ name, load, trouble }) => [
+      `Bus ${name}`, trouble || `${figure(100 * load)} % of its bit rate`,
+    ]),
   ];
   const list = byId("timing");
   if (list.children.length !== facts.length) {
     list.replaceChildren(...facts.map(([name]) => make("div", "", make("dt", "", name), make("dd"))));
   }
   facts.forEach(([, text], i) => setText(list.children[i].lastElementChild, text));
+  setList(byId("notes"), state.notes ?? []);
   const counters = [["Commands", state.drops], ["Bus", state.bus], ["Page", state.page_drops]].flatMap(
     ([where, counts]) => Object.entries(counts ?? {}).filter(([, n]) => n > 0).map(([what, n]) => `${where}: ${what}, ${n}`),
   );

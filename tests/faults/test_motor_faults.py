@@ -47,10 +47,10 @@ def stands(rig: Rig) -> None:
         ("drop E2", "holding", "no answer from E2: check power and cable"),
         ("delay N1 40", "holding", "no answer from N1"),
         ("overheat W3 95", "fault", "drive W3: .*95 °C, at most 80"),
-        ("undervoltage 15", "fault", "drive .*: undervoltage"),
+        ("undervoltage 15", "fault", "drives? .*: undervoltage"),
         ("slip twist 120", "fault", "drive twist: its angle jumped by .* degrees .*home again"),
-        ("drop all", "fault", "nobody answers on bus 'main'"),
-        ("bus-off main", "fault", "nobody answers on bus 'main'"),
+        ("drop all", "fault", "14 drives: nobody answers on bus 'main'"),
+        ("bus-off main", "fault", "14 drives: nobody answers on bus 'main'"),
     ],
 )
 def test_the_whole_robot_holds_and_says_why(rig: Rig, fault: str, phase: str, words: str) -> None:
