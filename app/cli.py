@@ -9,6 +9,7 @@ import tyro
 
 from app.commands import (
     check,
+    export,
     logs,
     motors_serve,
     record,
@@ -49,6 +50,7 @@ COMMANDS = {
         recover.COMMAND,
         motors_serve.COMMAND,
         replay.COMMAND,
+        export.COMMAND,
         *sessions.COMMANDS,
         simulate.COMMAND,
         check.COMMAND,

@@ -142,7 +142,7 @@ class Viewer:
             self._thread = None
         if self._server is not None:
             _hang_up(self._server)
-            with _silent():
+            with silent():
                 self._server.stop()
             self._server = None
 
@@ -277,7 +277,7 @@ def _hang_up(server: viser.ViserServer) -> None:
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
+def silent() -> Iterator[None]:
     """viser prints its address when it starts and a line when it ends; people are to open the front door instead."""
     console = rich.get_console()
     quiet, console.quiet = console.quiet, True
@@ -289,7 +289,7 @@ def _silent() -> Iterator[None]:
 
 def _private_server(secret: str) -> viser.ViserServer:
     """A server on a free port of loopback that answers only who knows the secret, and opens no public tunnel."""
-    with _silent(), guarded(secret):
+    with silent(), guarded(secret):
         server = viser.ViserServer(host=HOST, port=0, verbose=False)
     for request in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(request)
