@@ -88,8 +88,8 @@ class Twin:
         radius = self.description.backbone.diameter_m / 2
         axis = truth.vertebrae.copy()
         # The tip is round: its skin ends where the axis does.
-        last = axis[-1] - axis[-2]
-        axis[-1] -= radius * last / np.linalg.norm(last)
+        w, x, y, z = truth.tip_wxyz
+        axis[-1] -= radius * np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
         beyond = axis[axis[:, 2] > 0.0]
         if not len(beyond):
             return truth

@@ -12,8 +12,8 @@ RUN_IN = 1.1
 BEND_RADIUS = 1.6
 """Of the pipe's centre line, of the smallest that the sections can follow."""
 BEND_RAD = np.pi / 2
-SIDES = 40
-STEP_RAD = np.radians(3.0)
+SIDES = 24
+STEP_RAD = np.radians(6.0)
 GAP = 0.05
 """Between port and pipe, of the active length: what the introducer's nose takes."""
 
