@@ -56,15 +56,15 @@ def test_the_distance_to_a_pipe_is_what_is_left_of_its_bore() -> None:
     radial, around = rng.uniform(0.0, 0.011, 200), rng.uniform(0.0, 2 * np.pi, 200)
     points = np.stack([radial * np.cos(around), radial * np.sin(around), rng.uniform(0.1, 0.9, 200)], axis=1)
     distance, places = walls.distance(points)
-    # A polygon of forty sides is up to 0.3 % of its radius nearer than the circle.
-    np.testing.assert_allclose(distance, BORE / 2 - radial, atol=0.004 * BORE / 2)
+    # A polygon of 24 sides is up to 0.9 % of its radius nearer than the circle.
+    np.testing.assert_allclose(distance, BORE / 2 - radial, atol=0.009 * BORE / 2)
     np.testing.assert_allclose(np.linalg.norm(places - points, axis=1), distance, atol=1e-12)
 
 
 def test_a_pipe_holds_the_robot_in_whatever_its_tendons_pull() -> None:
     twin = inside("straight-pipe")
     bend(twin, 0.0)
-    assert twin.truth().clearance_m == pytest.approx(BORE / 2 - RADIUS, abs=1e-4)
+    assert twin.truth().clearance_m == pytest.approx(BORE / 2 - RADIUS, abs=2e-4)
     bend(twin, 0.8)
     truth = twin.truth()
     off_axis = np.hypot(truth.vertebrae[:-1, 0], truth.vertebrae[:-1, 1]).max()
