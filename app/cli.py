@@ -32,6 +32,9 @@ Without a subcommand it starts everything and opens the operator's page:
   cobra-teleop                          drive COBRA on its twin
   cobra-teleop --robot my-robot.toml    drive your own robot
   cobra-teleop --twin ideal             stiff tendons, no gravity
+  cobra-teleop --losses seeded --seed 4 another robot of its kind: other friction, stretch, lost motion
+  cobra-teleop --world engine-stage     among the blades of a compressor; or straight-pipe, bent-pipe
+  cobra-teleop --world casing.stl --world-scale 0.001 --world-pose 0 0 0.2 0 90 0
   cobra-teleop --port 9000 --no-open    another port, no browser
 
 Subcommands (each with its own --help):

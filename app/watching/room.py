@@ -67,6 +67,8 @@ class Room:
         )
         self._viewer = Viewer(description, robot.latest, frame_rate_Hz)
         self._viewer.start()
+        if meta.walls is not None:
+            self._viewer.surround(meta.walls, lambda: None)  # what touches is told to the robot's own console
         self.pages = PageSocket(self._session)
         self.proxy = ViewerProxy(self._viewer.port, self._viewer.secret)
 
