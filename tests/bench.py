@@ -37,6 +37,7 @@ class Bench:
         self.states: list[RobotState] = []
         self.events: list[Event] = []
         self._sequence = 0
+        self.mode = "section"
 
     def __enter__(self):
         self._bus = open_bus(self.description, self.clock)
@@ -57,6 +58,7 @@ class Bench:
             epoch=self.epoch,
             sequence=self._sequence,
             echo=self.states[-1].stamp,
+            mode=self.mode,
             held=intent is not None,
             intent=intent or Intent(),
         )

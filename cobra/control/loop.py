@@ -323,6 +323,8 @@ class RobotLoop:
     def _step_final(self) -> Floats | None:
         if self._final is None:
             self._final = FinalAction(self.description)
+            # A rigid robot may be carrying what it would drop: paying out would unlock it.
+            self._final.done |= self._final.kind == "hold" and self.locking.status == "rigid"
             self.authority.revoke()
             self._drive = None
         if self._setpoint is not None and self.drivetrain.feedback is not None and not self._final.done:

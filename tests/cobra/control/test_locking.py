@@ -197,3 +197,32 @@ def test_in_the_loop_on_its_twin_the_guiders_really_catch_and_let_go():
         assert not any(world_of(ROBOT).truth().locked)
         hold(bench, 0.5, primary=(0.0, 1.0))
         assert msgspec.to_builtins(let_go(bench))["commanded"][3] > 0.1
+
+
+def test_a_rigid_robot_that_is_abandoned_stays_rigid():
+    with Bench(0, "default", ROBOT) as bench:
+        bench.home()
+        let_go(bench, 0.1)
+        assert bench.ask(Request(what="lock", lease=bench.lease)).ok
+        hold(bench, 4.0)
+        assert let_go(bench).lock.status == "rigid"
+        bench.loop.abandon(leave=True)
+        for _ in range(300):
+            bench.loop.tick()
+            bench.clock.advance(bench.loop.period_s)
+        assert bench.loop.quit_requested
+        assert all(world_of(ROBOT).truth().locked)
+
+
+def test_every_mode_that_the_robot_offers_is_held_back_while_it_is_rigid():
+    with Bench(0, "ideal", ROBOT) as bench:
+        bench.home()
+        let_go(bench, 0.1)
+        bench.ask(Request(what="lock", lease=bench.lease))
+        hold(bench, 4.0)
+        before = let_go(bench).commanded
+        for mode in bench.states[-1].motion.modes:
+            bench.mode = mode
+            let_go(bench, 0.2)
+            hold(bench, 0.4, primary=(0.7, 0.7), secondary=(0.5, 0.0), length=1.0, feed=0.5)
+            assert let_go(bench).commanded == pytest.approx(before, abs=1e-9), mode

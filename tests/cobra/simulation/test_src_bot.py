@@ -94,3 +94,22 @@ def test_guiders_that_touch_while_bent_do_not_catch():
     twin, _ = pulled(np.radians(40.0), 0.23)
     twin, _ = pulled(np.radians(40.0), 0.1995, twin)
     assert not any(twin.truth().locked)
+
+
+def test_a_cable_off_its_spool_is_named_when_homing_against_the_stop():
+    with Bench(0, "default", ROBOT) as bench:
+        world_of(ROBOT).plant.break_tendon("C2")
+        state = bench.home()
+        assert state.phase == "holding"
+        assert "C2" in state.cause
+        assert "broken or off its spool" in state.cause
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_homing_finds_straight_with_other_friction_play_and_stiffness_than_described(seed):
+    with Bench(seed, "default", ROBOT, losses="seeded") as bench:
+        assert bench.home().homed
+        settle(bench)
+        truth = world_of(ROBOT).truth()
+        assert np.degrees(np.linalg.norm(truth.bends)) < 1.0
+        assert truth.tip_position[2] == pytest.approx(bench.states[-1].commanded[LENGTH], abs=0.002)
