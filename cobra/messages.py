@@ -204,6 +204,10 @@ class LockReport(Message, frozen=True, kw_only=True):
     """What that means now, or why what was asked is refused."""
 
 
+PATH_POINTS = 60
+"""At most so many points of the path are told: it is drawn, not computed with."""
+
+
 class PathReport(Message, frozen=True, kw_only=True):
     """Tip following: the path that is remembered, and how well the body lies on it."""
 

@@ -32,6 +32,12 @@ TWIN: Rgb = (232, 120, 190)
 PUSH: Rgb = (255, 214, 90)
 PREDICTED: Rgb = (150, 226, 120)
 GHOST: Rgb = (24, 136, 236)
+PATH: Rgb = (255, 214, 96)
+"""What the body is to follow."""
+TARGET: Rgb = (120, 214, 160)
+"""The shape that it goes to."""
+REACH_NEAR: Rgb = (60, 96, 140)
+REACH_FAR: Rgb = (130, 220, 190)
 TRAIL: Rgb = (96, 196, 255)
 STALE: Rgb = (84, 86, 90)
 """Of a robot whose shape is old or not known."""

@@ -3,9 +3,11 @@
 All of it belongs to one client of viser, so nobody changes another's view.
 """
 
+import math
 import threading
 from collections.abc import Callable
 
+import numpy as np
 import viser
 
 from app.console.meshes import Floats
@@ -13,9 +15,12 @@ from app.console.panels import Panels
 from app.console.plots import History, add_plot
 from app.console.scene import EXTRA_PARTS, PARTS, Parts, Scene
 from app.console.surroundings import FOV_RAD, first_camera, up_direction
+from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
 
-FREE, TIP = "free", "from the tip"
+STICKS, FREE, TIP = "as the sticks are seen", "free", "from the tip"
+BASE_STEP_RAD = 0.02
+"""The view by the base turns with the twist in steps of this."""
 TIP_FOV_RAD = 1.3
 NARROW_PX = 1000
 """A 3D view narrower than this starts with its panel folded."""
@@ -32,7 +37,12 @@ class ClientView:
         panels: Panels,
         history: History,
         parts: Parts = PARTS,
+        sticks: Callable[[], StickFrame] = lambda: "world",
     ) -> None:
+        """`sticks` tells by which view the driver's sticks go."""
+        self._sticks = sticks
+        self._follows = True
+        self._camera: tuple[str, float] = (FREE, 0.0)
         self._client = client
         self._description = description
         self._scene = scene
@@ -51,8 +61,8 @@ class ClientView:
         if camera.image_width < NARROW_PX:
             gui.main_panel.minimize()
         with self._panels.view_tab:
-            mode = gui.add_dropdown("camera", (FREE, TIP))
-            mode.on_update(lambda _: self._look_from_tip(mode.value == TIP))
+            mode = gui.add_dropdown("camera", (STICKS, FREE, TIP))
+            mode.on_update(lambda _: self._choose_camera(mode.value))
             for part, (_, label) in self._parts.items():
                 box = gui.add_checkbox(label, self._wanted[part])
                 box.on_update(self._box_changed(part))
@@ -72,14 +82,24 @@ class ClientView:
         return self._wanted.get(part, False)
 
     def update(self, plot: bool) -> None:
-        """After each frame: keep the camera on the tip, if so chosen, and with `plot` send the newest samples."""
+        """After each frame: keep the camera where it is to be, and with `plot` send the newest samples."""
         with self._changing:
+            if self._follows:
+                self._follow_sticks()
             if self._tip_view:
                 rotation = self._scene.tip_rotation
                 ahead = 0.3 * self._description.active_length_m * rotation[:, 2]
                 self._look(self._scene.tip_position, self._scene.tip_position + ahead, -rotation[:, 1])
             if plot:
                 self._plot.data = self._history.data(self._shown)
+
+    def _follow_sticks(self) -> None:
+        """What is up on the stick is to be up on the screen: the camera goes where the sticks are seen from."""
+        frame = self._sticks()
+        twist = round(self._scene.twist_rad / BASE_STEP_RAD) * BASE_STEP_RAD if frame == "base" else 0.0
+        wanted = (TIP if frame == "tip" else FREE, twist)
+        if wanted != self._camera:
+            self._set_camera(*wanted)
 
     def _choose(self) -> None:
         with self._changing:
@@ -89,13 +109,23 @@ class ClientView:
                 with self._frame:
                     self._shown, self._plot = chosen, add_plot(self._client.gui, self._history, chosen)
 
-    def _look_from_tip(self, wanted: bool) -> None:
+    def _choose_camera(self, mode: str) -> None:
         with self._changing:
-            self._tip_view = wanted
-            self._client.camera.fov = TIP_FOV_RAD if wanted else FOV_RAD
-            self._show("frame")
-            if not wanted:
-                self._look(*first_camera(self._description), up_direction(self._description))
+            self._follows = mode == STICKS
+            if not self._follows:
+                self._set_camera(mode, 0.0)
+
+    def _set_camera(self, mode: str, twist_rad: float) -> None:
+        """From the tip from now on; or from the first camera, turned about the port's axis, and free from there."""
+        self._camera = (mode, twist_rad)
+        self._tip_view = mode == TIP
+        self._client.camera.fov = TIP_FOV_RAD if self._tip_view else FOV_RAD
+        self._show("frame")
+        if not self._tip_view:
+            c, s = math.cos(twist_rad), math.sin(twist_rad)
+            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            position, look_at = first_camera(self._description)
+            self._look(turn @ position, turn @ look_at, turn @ up_direction(self._description))
 
     def _look(self, position: Floats, look_at: Floats, up: Floats) -> None:
         with self._client.atomic():

@@ -148,6 +148,7 @@ class Console:
 
         pad = Gamepad(on_change=pad_changed, clock=clock) if options.pad else None
         viewer = Viewer(description, robot.latest, options.frame_rate_Hz, truth=robot.truth, push=robot.push)
+        viewer.sticks = lambda: pilot.frame
         viewer.start()
         meta = robot.start()
         if meta.walls is not None:

@@ -28,6 +28,7 @@ from app.console.mapping import (
 )
 from cobra.clock import Clock
 from cobra.control.modes.mode import modes_of
+from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
 from cobra.messages import Intent, Phase
 
@@ -198,6 +199,11 @@ class Pilot:
                 chosen = replace(chosen, pose=pose)
             self._selection = chosen
             return ""
+
+    @property
+    def frame(self) -> StickFrame:
+        """The view that the sticks go by."""
+        return self._selection.frame
 
     def command(self, now: float) -> Wanted:
         """What to send to the robot now [s, the console's clock]."""

@@ -12,8 +12,10 @@ import viser
 from app.console import appearance
 from app.console.body import Body, Pose
 from app.console.meshes import Floats, lathe, single
+from app.console.motion_view import PATH, TARGET, WORKSPACE
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
+from cobra.kinematics.configuration import TWIST
 from cobra.messages import Rigidity, RobotState
 
 MESSAGES_PER_FRAME = 8
@@ -31,9 +33,12 @@ PARTS: Parts = {
     "vertebrae": ("/vertebrae", "vertebrae"),
     "trail": ("/trail", "tip's path"),
     "frame": ("/frame", "tip frame"),
+    "path": (PATH, "remembered path"),
+    "target": (TARGET, "shape to go to"),
 }
 """What a viewer may hide → its node and its name for people."""
 EXTRA_PARTS: Parts = {
+    "workspace": (WORKSPACE, "reach of this mode"),
     "predicted": ("/predicted", "predicted under gravity"),
     "twin": ("/twin", "the twin itself: drag to push"),
 }
@@ -53,6 +58,8 @@ class Scene:
         self.body = Body(description, introducer_length_m(description))
         self.tip_position, self.tip_rotation = np.zeros(3), np.eye(3)
         """(3,) [m] and (3, 3): where the tip was drawn last."""
+        self.twist_rad = 0.0
+        """Of the base as it was drawn last."""
         self._frame = 0
         self._commanded: tuple[float, ...] = ()
         self._trail: deque[tuple[float, Floats]] = deque(maxlen=TRAIL_POINTS)
@@ -89,6 +96,7 @@ class Scene:
         with self._server.atomic():
             if measured is not None:
                 self._draw(self.body.pose(measured), state.stamp)
+                self.twist_rad = float(measured[TWIST])
             self._ghost.visible = commanded is not None
             if commanded is not None and state.commanded != self._commanded:
                 self._ghost.vertices = single(self.body.tube(commanded, GHOST_SCALE))

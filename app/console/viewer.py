@@ -18,6 +18,7 @@ from viser import _messages
 
 from app.console.client_view import ClientView
 from app.console.meshes import Floats
+from app.console.motion_view import MotionView
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
 from app.console.prediction import PredictedView, Prediction
@@ -26,6 +27,7 @@ from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
 from cobra.clock import Clock, SystemClock
+from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
 from cobra.messages import Push, RobotState, Touch, Walls
 
@@ -80,8 +82,11 @@ class Viewer:
         self._next_panels = self._next_sample = 0.0
         self.secret = secrets.token_urlsafe(32)
         """viser answers only who shows this: the front door. Loopback is open to every user of this machine."""
+        self._motion: MotionView | None = None
         self._walls: SimulatedWalls | None = None
         self._touch: Callable[[], Touch | None] = lambda: None
+        self.sticks: Callable[[], StickFrame] = lambda: "world"
+        """By which view the driver's sticks go; called once a frame and viewer."""
         self._number = 0
         self.errors: Counter[str] = Counter()
         """States and viewers that could not be served, by reason."""
@@ -120,6 +125,8 @@ class Viewer:
         self._panels = Panels(self._server, self._description)
         self._history = History(self._description)
         self._scene.start()
+        self._motion = MotionView(self._server, self._description, self._scene.body)
+        self._motion.start()
         radius = self._description.backbone.diameter_m / 2.0
         self._twin = TwinView(self._server, self._description, radius)
         if prediction := Prediction.of(self._description):
@@ -165,6 +172,8 @@ class Viewer:
         slow = self._number % SLOW_EVERY == 2
         if drawn is not None and self._predicted is not None and slow and self._wanted("predicted"):
             self._counted("prediction", partial(self._predicted.update, drawn, self._pushes()))
+        if drawn is not None and self._motion is not None and slow:
+            self._counted("motion", partial(self._motion.update, drawn, self._wanted("workspace")))
         if drawn is not None and now >= self._next_sample:
             self._next_sample = now + SAMPLE_S
             self._counted("plot", lambda: self._history.add(drawn))
@@ -240,7 +249,9 @@ class Viewer:
         )
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        view = ClientView(client, self._description, self._scene, self._panels, self._history, self._parts())
+        view = ClientView(
+            client, self._description, self._scene, self._panels, self._history, self._parts(), self.sticks
+        )
 
         def build() -> None:
             with self._building:

@@ -8,12 +8,10 @@ from cobra.description import RobotDescription
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED
 from cobra.kinematics.tip_following import TipFollowing
-from cobra.messages import Intent, ModeReport, PathReport
+from cobra.messages import PATH_POINTS, Intent, ModeReport, PathReport
 
 Floats = NDArray[np.float64]
 
-SHOWN_POINTS = 60
-"""At most so many points of the path are told: it is drawn, not computed with."""
 SHOWN_EVERY = 10
 """Ticks between two tellings of the path."""
 
@@ -77,6 +75,6 @@ class FollowingMode:
 
 def _thinned(points: Floats) -> tuple[float, ...]:
     """Evenly chosen points with both ends, x, y, z after each other, to a tenth of a millimetre."""
-    count = min(SHOWN_POINTS, len(points))
+    count = min(PATH_POINTS, len(points))
     chosen = points[np.linspace(0, len(points) - 1, count).round().astype(np.int64)]
     return tuple(np.round(chosen, 4).ravel().tolist())
