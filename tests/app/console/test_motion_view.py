@@ -77,6 +77,8 @@ def test_every_place_of_the_reach_is_reached_inside_the_limits():
     assert tips[:, 2].max() > 0.9 * COBRA.feed.range_m[1]
     only_bends = reachable_tips(COBRA, q, *moved_by("section", COBRA), 4000)
     assert np.linalg.norm(only_bends, axis=1).max() <= q[FEED] + 1e-12
-    borescope = reachable_tips(BORESCOPE, Backbone(BORESCOPE).configuration.rest(), *moved_by("section", BORESCOPE), 100)
+    borescope = reachable_tips(
+        BORESCOPE, Backbone(BORESCOPE).configuration.rest(), *moved_by("section", BORESCOPE), 100
+    )
     np.testing.assert_allclose(borescope[:, :2], 0.0, atol=1e-12)
     assert moved_by("section", BORESCOPE)[1] == (TWIST, FEED)
