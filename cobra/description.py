@@ -28,6 +28,8 @@ class Backbone(_Part, frozen=True, kw_only=True):
     total_length_m: Positive
     diameter_m: Positive
     mass_per_length_kg_m: Positive
+    passive_bending_stiffness_Nm2: Positive | None = None
+    """Of the body behind the sections; by default four times the first section's."""
     gravity_m_s2: Vector = (0.0, 9.81, 0.0)
     """In the fixed frame of the entry port (x right, y down, z forward)."""
 

@@ -338,6 +338,10 @@ Point = tuple[float, float, float]
 class Touch(Message, frozen=True, kw_only=True):
     """Of the twin's truth what walls have to do with: for tests and for the 3D view, which says whose knowledge it is."""
 
+    vertebrae: tuple[Point, ...] = ()
+    """Centres of the vertebrae, base first [m]."""
+    passive: tuple[Point, ...] = ()
+    """Along the passive body behind them, base first [m]."""
     contact_points: tuple[Point, ...] = ()
     """Where walls press on the robot [m]."""
     contact_forces: tuple[Point, ...] = ()

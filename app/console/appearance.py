@@ -26,6 +26,8 @@ WALL: Rgb = (64, 92, 116)
 WALL_NEAR, WALL_FAR = 0.05, 0.30
 """Opacity of walls seen from outside, which stand before the robot, and from inside, which stand behind it."""
 BLADE: Rgb = (58, 66, 78)
+SIMULATED: Rgb = (255, 214, 178)
+"""Where the simulation knows the body to be, where that is not what the motors say."""
 CONTACT: Rgb = (255, 128, 40)
 TWIN: Rgb = (232, 120, 190)
 """What only the twin knows: where it really is."""

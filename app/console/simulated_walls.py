@@ -76,6 +76,7 @@ class SimulatedWalls:
             thickness=0.22 * self._radius,
             visible=False,
         )
+        self._shape: viser.LineSegmentsHandle | None = None
         self._label = scene.add_label("/walls/clearance", "", font_screen_scale=0.95, visible=False)
 
     def update(self, touch: Touch | None) -> None:
@@ -87,6 +88,7 @@ class SimulatedWalls:
         points, forces, size = points[strongest], forces[strongest], size[strongest]
         touches = bool(len(points))
         with self._server.atomic():
+            self._draw_shape(touch)
             if touches:
                 # Always the same number: those that are not needed lie where the first one is.
                 places = points[np.minimum(np.arange(PLACES), len(points) - 1)]
@@ -98,6 +100,20 @@ class SimulatedWalls:
             if touches != self._shown:
                 self._marks.visible = self._forces.visible = self._shown = touches
             self._tell(touch, float(np.linalg.norm(forces.sum(axis=0))) if touches else 0.0)
+
+    def _draw_shape(self, touch: Touch | None) -> None:
+        """The body's true axis: it comes out of the drawn robot where walls bend what the motors do not feel."""
+        if touch is None or not touch.vertebrae:
+            return
+        axis = np.array((*touch.passive, *touch.vertebrae))
+        axis[:, 2] = np.maximum(axis[:, 2], 0.0)
+        points = single(np.stack([axis[:-1], axis[1:]], axis=1))
+        if self._shape is not None and self._shape.points.shape == points.shape:
+            self._shape.points = points
+            return
+        self._shape = self._server.scene.add_line_segments(
+            "/walls/shape", points, appearance.linear(appearance.SIMULATED), thickness=0.35 * self._radius
+        )
 
     def _tell(self, touch: Touch | None, pressed_N: float) -> None:
         near = touch is not None and touch.clearance_m < NEAR * self._radius and len(touch.clearance_points) == 2

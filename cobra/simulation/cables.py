@@ -10,7 +10,7 @@ import numpy as np
 
 from cobra.description import RobotDescription, Tendon
 from cobra.simulation.cable_kernels import relax, tangent
-from cobra.simulation.chain import STEP_DAMPING_S, Chain, Indices
+from cobra.simulation.chain import PASSIVE, STEP_DAMPING_S, Chain, Indices
 from cobra.simulation.plant import Floats
 
 CONDUIT_NODES = 4
@@ -47,7 +47,8 @@ class Cables:
         self._tangent = np.zeros_like(lengths)
         self._travel = np.zeros(len(self._counts))
         self._capstan = np.ones((len(lengths), lengths.shape[1] - 1))
-        self._capstan[:, :CONDUIT_NODES] = np.exp(tendon.conduit_friction * tendon.conduit_bend_rad / CONDUIT_NODES)
+        self._conduit_angle = tendon.conduit_friction * tendon.conduit_bend_rad / CONDUIT_NODES
+        self._capstan[:, :CONDUIT_NODES] = np.exp(self._conduit_angle)
         self._bend_x, self._bend_y, self._section = _bend_joints(chain)
         self._jammed = np.zeros(len(lengths), dtype=np.bool_)
         self._half_bends = np.zeros(1 + sections)
@@ -109,7 +110,12 @@ class Cables:
 
     def _set_capstan(self, data: mujoco.MjData) -> None:
         bends = np.hypot(data.qpos[self._bend_x], data.qpos[self._bend_y])
-        angle = np.bincount(self._section, weights=bends, minlength=self._pieces.shape[1])
+        own = self._section != PASSIVE
+        angle = np.bincount(self._section[own], weights=bends[own], minlength=self._pieces.shape[1])
+        if not own.all():
+            # What the walls bend of the passive body rubs in its conduits, next to the port.
+            rubs = self._conduit_angle + self._tendon.conduit_friction * bends[~own].sum()
+            self._capstan[:, self._first - 2] = np.exp(rubs)
         half = self._half_bends
         half[1:] = angle / 2.0
         # From the middle of one section to the middle of the next; into the first from the port.

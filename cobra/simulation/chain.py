@@ -47,6 +47,12 @@ YIELD_RATIO = 2.5
 """A tendon yields at this multiple of its maximum tension: no command makes forces that no drive can hold."""
 FEED_STIFFNESS_N_m = 2e5
 TWIST_STIFFNESS_Nm_rad = 500.0
+PASSIVE_LINKS = 6
+"""Of the passive body for the active segment's length, where walls may bend it."""
+PASSIVE_STIFFNESS = 4.0
+"""Of the passive body against the first section, where the description does not say."""
+PASSIVE = -1
+"""In place of a section's index for what belongs to the passive body."""
 GAUSS = (0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6)
 
 
@@ -74,6 +80,8 @@ class Chain:
     vertebra_sites: Indices
     """Centres of the vertebrae, base first, without the plate at the base."""
     vertebra_bodies: Indices
+    passive_sites: Indices
+    """Ends of the passive body's links, base first; none in free space."""
     tip_site: int
     tendon_stiffness: Floats
     """(m,) k [N/m], m as `RobotDescription.tendon_names`."""
@@ -139,6 +147,9 @@ def build_chain(
         joints=joints,
         vertebra_sites=sites,
         vertebra_bodies=np.asarray(model.site_bodyid[sites], dtype=np.intp),
+        passive_sites=np.array(
+            [i for i in range(model.nsite) if model.site(i).name.startswith("passive ")], dtype=np.intp
+        ),
         tip_site=model.site("tip").id,
         tendon_stiffness=np.array([builder.tendon_stiffness(name) for name in description.tendon_names]),
         tendon_rest=np.array([builder.rest_length(model, name) for name in description.tendon_names]),
@@ -235,16 +246,39 @@ class _Builder:
         self._spec.compiler.autolimits = False
         self._spec.compiler.degree = False
 
+    @property
+    def _passive_m(self) -> float:
+        """How much of the passive body can come out of the port. In free space it is straight: then none is modelled."""
+        feed = self.description.feed
+        if feed is None or self.environment is None:
+            return 0.0
+        return max(feed.range_m[1] - self.description.active_length_m, 0.0)
+
     def _add_base(self) -> None:
-        d = self.description
-        base = self._spec.worldbody.add_body(name="base", pos=(0.0, 0.0, -d.active_length_m if d.feed else 0.0))
+        d, passive = self.description, self._passive_m
+        start = (-d.active_length_m if d.feed else 0.0) - passive
+        base = self._spec.worldbody.add_body(name="base", pos=(0.0, 0.0, start))
         if d.feed:
             base.add_joint(name="feed", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
         if d.twist:
             base.add_joint(name="twist", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
-        self._body, self._origin = base, 0.0
-        self._spans.append((base, 0.0, None))
+        self._body, self._origin = base, -passive
+        self._spans.append((base, -passive, None))
+        self._add_passive_body(passive)
         self._add_holes(d.sections[0].vertebra_thickness_m / 2, 0)
+
+    def _add_passive_body(self, length_m: float) -> None:
+        """Links between the base and the active segment, with the elasticity of the passive body in between."""
+        d = self.description
+        links = math.ceil(PASSIVE_LINKS * length_m / d.active_length_m)
+        own = d.backbone.passive_bending_stiffness_Nm2
+        stiffness = own or PASSIVE_STIFFNESS * d.sections[0].bending_stiffness_Nm2
+        for k in range(links):
+            stretch = (-length_m + k * length_m / links, -length_m + (k + 1) * length_m / links)
+            self._add_body(sum(stretch) / 2)
+            for axis in ("bend_x", "bend_y") if k % 2 else ("bend_y", "bend_x"):
+                self._add_spring(axis, PASSIVE, stretch, stiffness * links / length_m, math.pi / 4)
+            self._body.add_site(name=f"passive {k}", pos=self._at(stretch[1]))
 
     def _add_interval(self, interval: _Interval) -> None:
         section = self.description.sections[interval.section]
@@ -339,7 +373,7 @@ class _Builder:
     def _add_masses(self) -> None:
         """Each body weighs what its stretch of backbone weighs; the base carries the passive body behind it."""
         backbone = self.description.backbone
-        behind = backbone.total_length_m - self.description.active_length_m
+        behind = backbone.total_length_m - self.description.active_length_m - self._passive_m
         ends = [*(origin for _, origin, _ in self._spans[1:]), self.description.active_length_m]
         for i, ((body, origin, centre), end) in enumerate(zip(self._spans, ends, strict=True)):
             length = end - origin + (behind if i == 0 else 0.0)

@@ -37,6 +37,8 @@ class Truth:
     """(tendons, 2 + sections) at the motor, at the port, and at the end of each section [N]; NaN beyond a tendon's end."""
     locked: tuple[bool, ...] = ()
     """For each chamber whose guiders can catch in each other's slots whether they have, base first."""
+    passive: Floats = field(default_factory=nowhere)
+    """(k, 3) along the passive body behind the sections, base first [m]; none in free space, where it is straight."""
     contact_points: Floats = field(default_factory=nowhere)
     """(k, 3) where walls press on the robot [m]."""
     contact_forces: Floats = field(default_factory=nowhere)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cobra.description import RobotDescription
 from cobra.simulation.cables import Cables
-from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
+from cobra.simulation.chain import PASSIVE, SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
 from cobra.simulation.contacts import NO_CONTACTS, pressing
 from cobra.simulation.environments import Environment
 from cobra.simulation.plant import Floats, Truth
@@ -48,7 +48,7 @@ class Twin:
         self._stiffness = np.array([spring.stiffness for spring in springs])
         self._bend_sums = np.zeros((2 * len(d.sections), chain.model.nq))
         for spring, joint in zip(springs, chain.joints, strict=True):
-            if spring.does in BENDS:
+            if spring.does in BENDS and spring.section != PASSIVE:
                 self._bend_sums[2 * spring.section + BENDS.index(spring.does), joint] = 1.0
         self._slots = Slots(d, chain) if any(section.elongation for section in d.sections) else None
         self._travel: Floats | None = None
@@ -243,6 +243,7 @@ class Twin:
             tensions=self._loads[self._tendons],
             tension_profile=self._profile(),
             locked=tuple(self._slots.caught.tolist()) if self._slots else (),
+            passive=data.site_xpos[chain.passive_sites],
             contact_points=self._contacts.points,
             contact_forces=self._contacts.forces,
         )

@@ -83,6 +83,13 @@ def test_each_contact_is_marked_with_a_line_along_its_force(walls: SimulatedWall
     assert label(walls) == ""
 
 
+def test_the_bodys_true_axis_is_drawn_from_the_port_on(walls: SimulatedWalls) -> None:
+    walls.update(Touch(passive=((0.0, 0.0, -0.1),), vertebrae=((0.0, 0.0, 0.1), (0.01, 0.0, 0.2))))
+    assert walls._shape is not None
+    np.testing.assert_allclose(walls._shape.points[0], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]], atol=1e-7)
+    np.testing.assert_allclose(walls._shape.points[1], [[0.0, 0.0, 0.1], [0.01, 0.0, 0.2]], atol=1e-7)
+
+
 def test_the_twins_truth_is_understood_as_it_goes_over_the_link() -> None:
     twin = build_twin(COBRA, environment=environment("straight-pipe", COBRA))
     bent = travel_for(twin, np.array([[0.7, 0.0]] * 3))

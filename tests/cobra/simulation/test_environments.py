@@ -110,6 +110,25 @@ def test_pushed_into_a_bend_the_limp_robot_follows_it() -> None:
     assert twin.recoveries == 0
 
 
+def test_fed_on_the_passive_body_follows_through_the_bend() -> None:
+    twin = inside("bent-pipe")
+    bend(twin, 0.0)
+    bend(twin, 0.4, feed_m=0.55, seconds=5.0)
+    bend(twin, 0.0, feed_m=0.8, seconds=5.0)
+    truth = twin.truth()
+    body = np.concatenate([truth.passive, truth.vertebrae])
+    out = body[body[:, 2] > 0.01]
+    walls = twin.environment
+    assert walls
+    distance, _ = walls.distance(out)
+    assert (np.abs(out[:, 1]) < BORE / 2).all()
+    # The pipe's centre line turns from +z to +x; nobody is closer to the wall than the body is thick.
+    assert distance[:-1].min() > RADIUS - 0.0025
+    assert truth.vertebrae[-1, 0] > 0.35
+    assert np.linalg.norm(truth.vertebrae[0] - truth.passive[-1]) < 0.011
+    assert twin.recoveries == 0
+
+
 def test_pressed_from_the_wall_the_force_points_off_the_wall() -> None:
     twin = inside("straight-pipe")
     bend(twin, 0.0)
