@@ -6,11 +6,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from cobra.loading import load_description
 from cobra.mechanics.cases import load_case
-from cobra.mechanics.chain import SrcBotParameters, potential_energy
+from cobra.mechanics.chain import MOUNTINGS, SrcBotParameters, guider_frames, potential_energy
 from cobra.mechanics.dynamics import DEFAULT_STEP_S, Chain, simulate
 from cobra.mechanics.inverse import equilibrium, inverse_statics
 from cobra.mechanics.schedule import Cables, Load, Schedule
+from cobra.simulation.chain_plant import ChainPlant
+from cobra.simulation.twin import build_twin
+from tests.elastica import beam
 
 pytestmark = pytest.mark.benchmark
 
@@ -98,4 +102,54 @@ def test_inverse_statics_and_a_live_step():
     print(
         f"\ncable forces for a posture: best {best * 1e3:.2f} ms, median {median * 1e3:.2f} ms; "
         f"10 ms of a live robot: best {tick * 1e6:.0f} µs, median {tick_median * 1e6:.0f} µs ({0.01 / tick_median:.0f} times real time)"
+    )
+
+
+def test_statics_against_a_beam_and_the_mujoco_twin():
+    """Worst deviation of any guider in share of the length: loads at the tip and in the middle, with gravity three ways."""
+    print()
+    hanging = SrcBotParameters()
+    for mounting in ("hanging", "upright", "horizontal"):
+        gravity = np.array(MOUNTINGS[mounting])
+        if mounting == "horizontal":
+            gravity = np.roll(gravity, -1)  # into the plane of the forces
+        robot = msgspec.structs.replace(hanging, gravity_m_s2=tuple(gravity))
+        worst = 0.0
+        for guider, force in ((5, 2.0), (5, -5.0), (3, 6.0), (1, 0.0)):
+            loads = np.zeros((5, 3))
+            loads[guider - 1, 0] = force
+            ours = guider_frames(equilibrium(robot, np.zeros(3), loads))[:, [0, 2], 3]
+            theirs = beam(robot, loads[:, [0, 2]] + robot.guider_mass_kg * gravity[[0, 2]])
+            worst = max(worst, float(np.abs(ours - theirs).max()))
+        print(
+            f"{mounting}: guiders within {1e3 * worst:.2f} mm ({worst / 0.25:.2%} of length) of an elastica by solve_bvp"
+        )
+        assert worst < 0.02 * 0.25
+    description = load_description("src-bot")
+    worst = 0.0
+    for bend in (0.0, 0.6):
+        for guider, force in ((4, 0.0), (4, 2.0), (2, 2.0)):
+            travel = -0.025 - 0.03 * bend * np.cos(np.radians([0.0, 120.0, 240.0]))
+            places = []
+            for plant in (ChainPlant(description), build_twin(description, "default")):
+                plant.advance(np.zeros(3), 0.0)
+                plant.advance(travel, 1.0)
+                plant.push(guider, np.array([force, 0.0, 0.0]))
+                plant.advance(travel, 4.0)
+                places.append(plant.truth().vertebrae)
+            worst = max(worst, float(np.linalg.norm(places[0] - places[1], axis=1).max()))
+    print(
+        f"driven by its cables, 2 N on the top and on the middle guider: within {1e3 * worst:.2f} mm ({worst / 0.25:.2%} of "
+        "length) of the MuJoCo twin"
+    )
+    assert worst < 0.02 * 0.25
+
+
+def test_the_dynamics_as_a_plant_in_real_time():
+    plant = ChainPlant(load_description("src-bot"))
+    plant.advance(np.zeros(3), 0.0)
+    travel = iter(-0.03 * np.abs(np.sin(np.linspace(0.0, 20.0, 20000))))
+    best, median, _ = timed(lambda: plant.advance(np.full(3, next(travel)), 0.002), repeats=2000)
+    print(
+        f"\n2 ms of the plant: best {best * 1e6:.0f} µs, median {median * 1e6:.0f} µs ({0.002 / median:.0f} times real time)"
     )
