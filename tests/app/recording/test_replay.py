@@ -45,8 +45,8 @@ with ExitStack() as stack:
         time.sleep(0.01)
     player.seek(2.0)
     assert player.state() is not None and player.other_state() is not None
-ways = ("can", "serial", "canopen", "zenoh", "app.link", "app.robot_process", "cobra.simulation", "cobra.control",
-        "cobra.motors.open_bus", "cobra.motors.rmd_bus", "app.console.driver", "app.console.pilot")
+ways = ("can", "serial", "canopen", "zenoh", "app.link", "app.robot_process", "cobra.simulation.drives",
+        "cobra.control.loop", "cobra.control.drivetrain", "cobra.motors", "app.console.driver", "app.console.pilot")
 loaded = [name for name in sys.modules if any(name == way or name.startswith(way + ".") for way in ways)]
 assert not loaded, f"loaded: {loaded}"
 strange = [where for where in opened if not (isinstance(where, tuple) and where[0] in ("127.0.0.1", "localhost"))]
