@@ -265,7 +265,12 @@ def _wrong_ranges(d: RobotDescription) -> list[str]:
     for i, section in enumerate(d.sections):
         if section.elongation:
             ranges[f"sections[{i}].elongation.range_m"] = section.elongation.range_m
-    out = [
+    outside = [
+        f"sections[{i}].length_m = {section.length_m}: must lie in elongation.range_m = {list(section.elongation.range_m)}"
+        for i, section in enumerate(d.sections)
+        if section.elongation and not section.elongation.range_m[0] <= section.length_m <= section.elongation.range_m[1]
+    ]
+    out = outside + [
         f"{key} = [{low}, {high}]: the first must be under the second"
         for key, (low, high) in ranges.items()
         if low >= high

@@ -7,7 +7,7 @@ from app.console import appearance
 from app.console.body import Body
 from app.console.meshes import Floats, single
 from cobra.description import RobotDescription
-from cobra.kinematics.configuration import FEED, TWIST
+from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.kinematics.workspace import reachable_tips
 from cobra.messages import PATH_POINTS, RobotState
 
@@ -112,11 +112,12 @@ def moved_by(mode: str, description: RobotDescription) -> tuple[tuple[int, ...],
     """
     active = description.active_sections
     units = ((TWIST, description.twist), (FEED, description.feed))
-    driven = tuple(index for index, unit in units if unit)
+    lengths = tuple(i for i in Configuration(description).lengths if i is not None)
+    driven = (*(index for index, unit in units if unit), *lengths)
     if mode == "tip" or (mode == "section" and not active):
         return active, driven
     if mode == "section":
-        return active, ()
+        return active, lengths
     return (active[-1:], ()) if mode == "following" else ((), ())
 
 
