@@ -50,6 +50,8 @@ TOLERANCE = 0.004
 GOOD_READINGS = 3
 """In a row."""
 LEAST_SPEED_M_S = 2e-4
+TIGHTENING_GROWTH = 1.3
+"""A tick."""
 TIMEOUT_S = 25.0
 CONTACT_COUNTS = 3.0
 """A rise of the current by fewer counts is no contact."""
@@ -81,6 +83,7 @@ class Homing:
         self._compliance = _compliance(description)
         self._stage = _Stage.SLACK
         self._elapsed = self._resting = self._light = 0.0
+        self._tightening = LEAST_SPEED_M_S
         self._good = 0
         self._start: Floats | None = None
         self._target = np.zeros(0)
@@ -207,7 +210,9 @@ class Homing:
         if mean <= 0.0:
             self._stage = _Stage.DONE
             return
-        speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S)
+        # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
+        self._tightening *= TIGHTENING_GROWTH
+        speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
         self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s
 
 
