@@ -39,14 +39,14 @@ def choose(page: Page, mode: str) -> None:
 def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot):
     with running(tmp_path, *CALM, robot=robot) as stack, Page(stack.url) as page:
         page.arm()
-        # Off the straight shape, at which the tip cannot go back.
+        # Bent to and fro, so that the tip is inside its reach; straight, it is at the edge and cannot go back.
         page.press()
-        page.hold(left=[1.0, 0.0])
-        stack.observer.wait("a bend", lambda state: state.commanded[2] > 0.5)
+        page.hold(left=[1.0, 0.0], right=[-1.0, 0.0])
+        stack.observer.wait("a bend", lambda state: state.commanded[2] > 0.9)
         choose(page, "tip")
         begin, start = np.array(page.snapshot["tip_mm"]), stack.observer.settled_tip()
         corners = []
-        for aside in ([1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]):
+        for aside in ([-1, 0, 0], [-1, 1, 0], [0, 1, 0], [0, 0, 0]):
             aim = begin + SIDE_MM * np.array(aside, dtype=float)
             wait_for(f"the corner {aside}", lambda aim=aim: steer(page, aim), 40.0)
             page.release()
@@ -56,7 +56,7 @@ def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot)
         f"{robot}: corners {np.round(np.array(corners) * 1e3, 1).tolist()} mm, closed to {1e3 * np.linalg.norm(corners[-1]):.1f} mm"
     )
     assert np.linalg.norm(corners[-1]) < 0.01 * REACH_M
-    for corner, aside in zip(corners, ([1, 0, 0], [1, 1, 0], [0, 1, 0]), strict=False):
+    for corner, aside in zip(corners, ([-1, 0, 0], [-1, 1, 0], [0, 1, 0]), strict=False):
         np.testing.assert_allclose(corner * 1e3, SIDE_MM * np.array(aside), atol=0.2 * SIDE_MM)
 
 
