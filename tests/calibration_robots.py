@@ -87,20 +87,3 @@ def described(
         buses=(Bus(name="main", interface="virtual", channel="calibration"),),
         teleop=Teleop(bend_rate_deg_s=30.0, bend_acceleration_deg_s2=120.0),
     )
-
-
-def opencr() -> RobotDescription:
-    """The robot of the recording in shared/data/opencr-v4, as its README describes it.
-
-    Lengths, radius and the rod's thickness are from there; azimuths are spread evenly and the tendons are assumed to be
-    thin steel, since neither is known.
-    """
-    return described(
-        "opencr-v4",
-        lengths_m=(0.060, 0.0625, 0.064),
-        azimuths_deg=((0.0, 120.0, 240.0), (40.0, 160.0, 280.0), (80.0, 200.0, 320.0)),
-        radius_m=0.0045,
-        bending_stiffness_Nm2=0.003,
-        axial_stiffness_N=10000.0,
-        conduit_length_m=0.3,
-    )

@@ -14,6 +14,10 @@ RobotName = Annotated[str, tyro.conf.arg(help="Name of a robot that comes with t
 CanLog = Annotated[
     Path | None, tyro.conf.arg(metavar="FILE", help="Write every CAN frame to FILE (.log for candump, or .blf).")
 ]
+SkipBadRows = Annotated[
+    bool, tyro.conf.arg(help="Leave out rows of the CSV that cannot be used, and say which and why.")
+]
+FigureFolder = Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="For numbers and pictures.")]
 
 RecordFolder = Annotated[
     Path | None,

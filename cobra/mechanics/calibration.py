@@ -5,7 +5,6 @@ Neighbouring samples share their errors, so each counts for less than one; block
 parameters' uncertainty honestly (`calibration_report.py`). Nothing here looks at any other recording than the one given.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,14 +22,25 @@ Rows = NDArray[np.bool_]
 
 ROBUST = 0.01
 """Tip errors beyond this share of the robot's length count linearly, not squared."""
-WEIGHT = 0.05
-"""A sample weighs as if its tip were uncertain by this share: about 25 neighbours make one independent sample."""
+MOST_DOUBT = 0.05
+LEAST_DOUBT = 0.002
+"""A sample weighs as if its tip were uncertain by a share of the length between these: the error that the fit leaves,
+times the root of how many neighbours make one independent sample."""
+SURER = 0.7
+"""Fit once more where the doubt falls under this share of what was assumed,"""
+ROUNDS = 3
+"""this often at most."""
+MOST_ALIKE = 0.95
 TURN_LENGTH = 0.25
 """An orientation's error counts as a tip error at this share of the length."""
 GAP = 2.0
 """Samples farther apart than this many median intervals do not tell how fast the tendons moved."""
 START_SAMPLES = 150
 YAWS = 12
+FIRST_LOOK = 5
+HOPEFUL = 6
+SECOND_LOOK = 12
+"""Starts are followed for a few steps, and the best of them for more."""
 BEND_STEP = 1e-6
 LEAST_MOVING_SAMPLES = 30
 
@@ -63,10 +73,27 @@ class Fit:
     x: Floats
     """(size,) whitened"""
     cost: float
+    doubt: float = MOST_DOUBT
+    """Uncertainty of a sample, as a share of the robot's length"""
 
     @property
     def values(self) -> Values:
         return self.model.values(self.x)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A fitted robot with what is needed to apply it to another recording."""
+
+    fit: Fit
+    reference_s: float
+    """When its tendons began to age, on the recording's clock."""
+    sign: int
+    """−1: the recording's travel had the other sign."""
+
+    def sequence(self, recording: Recording) -> Sequence:
+        """A recording of this robot in the terms of the model."""
+        return sequence(recording, self.fit.model.robot, reference_s=self.reference_s, sign=self.sign)
 
 
 def sequence(recording: Recording, robot: Nominal, *, reference_s: float, sign: int = 1) -> Sequence:
@@ -110,15 +137,37 @@ def tip_errors(fit: Fit, seen: Sequence) -> Floats:
 def adjust(start: Fit, seen: Sequence, rows: Rows | None = None, *, iterations: int = 40) -> Fit:
     """Fit the model to the chosen rows (all by default); all rows drive it, since the past matters.
 
+    How much the samples weigh against the prior is estimated from what the fit leaves.
+
     Raises:
         OperatorError: fewer samples than parameters.
     """
-    model = start.model
     rows = np.ones(len(seen.tip_m), dtype=np.bool_) if rows is None else rows
-    if int(rows.sum()) * seen.tip_m.shape[1] < model.size:
-        raise OperatorError(f"{int(rows.sum())} samples cannot tell {model.size} parameters; record more")
+    if int(rows.sum()) * seen.tip_m.shape[1] < start.model.size:
+        raise OperatorError(f"{int(rows.sum())} samples cannot tell {start.model.size} parameters; record more")
+    fit = start
+    for _ in range(ROUNDS):
+        fit = _adjust(fit, seen, rows, iterations)
+        doubt = _doubt(fit, seen, rows)
+        if doubt > SURER * fit.doubt:
+            break
+        fit = replace(fit, doubt=doubt)
+    return fit
+
+
+def _doubt(fit: Fit, seen: Sequence, rows: Rows) -> float:
+    error = (predict(fit, seen)[0] - seen.tip_m)[rows]
+    power = float(np.sum(error * error))
+    alike = float(np.sum(error[1:] * error[:-1])) / power if power > 0.0 else 0.0
+    alike = min(max(alike, 0.0), MOST_ALIKE)
+    share = np.sqrt(power / error.shape[0] * (1.0 + alike) / (1.0 - alike)) / float(fit.model.robot.length_m.sum())
+    return float(np.clip(share, LEAST_DOUBT, MOST_DOUBT))
+
+
+def _adjust(start: Fit, seen: Sequence, rows: Rows, iterations: int) -> Fit:
+    model = start.model
     length = float(model.robot.length_m.sum())
-    scale = 1.0 / (WEIGHT * length)
+    scale = 1.0 / (start.doubt * length)
     known: list[tuple[bytes, Floats, Floats]] = []
 
     def evaluate(x: Floats) -> tuple[Floats, Floats]:
@@ -146,7 +195,7 @@ def adjust(start: Fit, seen: Sequence, rows: Rows | None = None, *, iterations: 
         start.x,
         jac=lambda x: evaluate(x)[1],
         loss=loss,
-        f_scale=ROBUST / WEIGHT,
+        f_scale=ROBUST / start.doubt,
         x_scale="jac",
         max_nfev=iterations,
         ftol=1e-4,
@@ -206,7 +255,7 @@ def _differs(a: Values, b: Values, name: str) -> bool:
     return bool(np.any(getattr(a, name) != getattr(b, name)))
 
 
-def begin(seen: Sequence, robot: Nominal, *, report: Callable[[str], None] = lambda line: None) -> Fit:
+def begin(seen: Sequence, robot: Nominal) -> Fit:
     """A plain constant-curvature fit from many starts: where the base is, and how it and the tendons are turned.
 
     Raises:
@@ -215,8 +264,9 @@ def begin(seen: Sequence, robot: Nominal, *, report: Callable[[str], None] = lam
     axis, top = _axis(seen)
     length = float(robot.length_m.sum())
     coarse = seen.every(max(len(seen.tip_m) // START_SAMPLES, 1))
+    every_row = np.ones(len(coarse.tip_m), dtype=np.bool_)
     every = blocks(robot)
-    best: Fit | None = None
+    tried = []
     for mirrored in (False, True):
         for yaw in np.arange(YAWS) * 2.0 * np.pi / YAWS:
             turn = _frame(axis) @ Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
@@ -226,10 +276,10 @@ def begin(seen: Sequence, robot: Nominal, *, report: Callable[[str], None] = lam
             if mirrored:
                 chosen["azimuth"] = every["azimuth"]._replace(nominal=-every["azimuth"].nominal)
             model = RobotModel(robot, chosen, (), seen.turn is not None)
-            found = adjust(Fit(model, np.zeros(model.size), np.inf), coarse, iterations=12)
-            if best is None or found.cost < best.cost:
-                best = found
-    assert best is not None
+            tried.append(_adjust(Fit(model, np.zeros(model.size), np.inf), coarse, every_row, FIRST_LOOK))
+    # Most starts show soon that they lead nowhere.
+    hopeful = sorted(tried, key=lambda fit: fit.cost)[:HOPEFUL]
+    best = min((_adjust(fit, coarse, every_row, SECOND_LOOK) for fit in hopeful), key=lambda fit: fit.cost)
     return adjust(best, seen)
 
 

@@ -6,14 +6,15 @@ which is what it is for. One more fold trains on motions of single sections and 
 still drive the model (their tendon travel is known, and the past matters), but their tips are not looked at.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cobra.mechanics.calibration import Fit, Sequence, adjust, tip_errors
-from cobra.mechanics.robot_model import EFFECTS
+from cobra.mechanics.calibration import Calibration, Fit, Sequence, adjust, begin, sequence, tip_errors
+from cobra.mechanics.recordings import Recording
+from cobra.mechanics.robot_model import EFFECTS, NEEDS_SLACK, Nominal
 from cobra.mechanics.tendon_statics import solve
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,11 @@ class Selection(NamedTuple):
     folds: tuple[Fold, ...]
     trials: tuple[Trial, ...]
 
+    @property
+    def chosen(self) -> Trial:
+        """The trial of the model that came out."""
+        return next(trial for trial in self.trials[::-1] if trial.kept)
+
 
 def folds(plain: Fit, seen: Sequence) -> tuple[Fold, ...]:
     """Folds by which sections the tendons tell to bend, read off the plain model."""
@@ -94,7 +100,7 @@ def select(
     plain: Fit,
     seen: Sequence,
     *,
-    effects: Iterable[str] = tuple(EFFECTS),
+    effects: tuple[str, ...] = tuple(EFFECTS),
     report: Callable[[str, Trial], None] = lambda effect, trial: None,
 ) -> Selection:
     """Try the effects one after the other, and keep those that predict the held-out motions better."""
@@ -103,22 +109,28 @@ def select(
     best = _trial((), held, parts, seen, None)
     trials = [best]
     report("constant curvature", best)
-    for effect in effects:
+    # Twice: an effect may show only once a larger one is part of the model.
+    for effect in (*effects, *effects):
+        if effect in best.effects:
+            continue
         model = plain.model.with_effects((*best.effects, effect))
         tried = []
         for fit, part in zip(held, parts, strict=True):
-            start = Fit(model, fit.model.carry(fit.x, model), np.inf)
+            start = Fit(model, fit.model.carry(fit.x, model), np.inf, fit.doubt)
             tried.append(adjust(start, seen, ~part.held_out, iterations=ITERATIONS))
         trial = _trial(model.effects, tried, parts, seen, best)
         report(effect, trial)
         trials.append(trial)
         if trial.kept:
             best, held = trial, tried
-    fit = plain
-    for i in range(len(best.effects)):
-        model = plain.model.with_effects(best.effects[: i + 1])
-        fit = adjust(Fit(model, fit.model.carry(fit.x, model), np.inf), seen)
-    return Selection(fit, parts, tuple(trials))
+    return Selection(_grow(plain, seen, best.effects), parts, tuple(trials))
+
+
+def assess(plain: Fit, seen: Sequence, effects: tuple[str, ...]) -> Selection:
+    """Fit given effects, and see how they predict the same held-out motions."""
+    parts = folds(plain, seen)
+    held = [_grow(adjust(plain, seen, ~part.held_out), seen, effects, ~part.held_out) for part in parts]
+    return Selection(_grow(plain, seen, effects), parts, (_trial(effects, held, parts, seen, None),))
 
 
 def _trial(
@@ -131,3 +143,46 @@ def _trial(
     score = float(np.mean([once.mean(), *beyond]))
     kept = best is None or score < (1.0 - GAIN) * best.score_m
     return Trial(effects, np.array([error.mean() for error in errors]), score, kept)
+
+
+class Outcome(NamedTuple):
+    """A calibrated robot, and how it was found."""
+
+    calibration: Calibration
+    plain: Fit
+    seen: Sequence
+    selection: Selection
+
+
+def calibrate(
+    recording: Recording,
+    robot: Nominal,
+    *,
+    effects: tuple[str, ...] | None = None,
+    report: Callable[[str, Trial], None] = lambda effect, trial: None,
+) -> Outcome:
+    """Calibrate a robot on a recording. Without `effects` the recording itself chooses them.
+
+    Where the sign of the travel is not known, it is that under which tendons that only pull explain more.
+
+    Raises:
+        OperatorError: the recording is too short or hardly moves.
+    """
+    begun = float(recording.time_s[0])
+    tried: list[tuple[float, Sequence, Fit, int]] = []
+    for sign in (1,) if recording.sign_known else (1, -1):
+        seen = sequence(recording, robot, reference_s=begun, sign=sign)
+        plain = begin(seen, robot)
+        told = plain if recording.sign_known else _grow(plain, seen, (NEEDS_SLACK,))
+        tried.append((float(tip_errors(told, seen).mean()), seen, plain, sign))
+    _, seen, plain, sign = min(tried, key=lambda one: one[0])
+    selection = select(plain, seen, report=report) if effects is None else assess(plain, seen, effects)
+    return Outcome(Calibration(selection.fit, begun, sign), plain, seen, selection)
+
+
+def _grow(fit: Fit, seen: Sequence, effects: tuple[str, ...], rows: Rows | None = None) -> Fit:
+    """Add the effects one by one, fitting each time: each is a good start for the next."""
+    for i in range(len(effects)):
+        model = fit.model.with_effects(effects[: i + 1])
+        fit = adjust(Fit(model, fit.model.carry(fit.x, model), np.inf, fit.doubt), seen, rows)
+    return fit

@@ -11,7 +11,18 @@ import numpy as np
 from msgspec import Meta
 
 from cobra.description import RobotDescription
-from cobra.mechanics.tables import Floats, Indices, RecordingError, Table, read_table
+from cobra.mechanics.tables import (
+    Floats,
+    Indices,
+    RecordingError,
+    Table,
+    column_names,
+    first_fault,
+    read_table,
+    rows_in_another_unit,
+    with_unit,
+    without,
+)
 
 LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -24,9 +35,6 @@ LEAST_TRAVEL = 0.02
 """And tendons that all stay within this share of their radius."""
 JUMP = 0.1
 """A row in metres among rows in millimetres jumps by at least this share of the robot's length (or of all travel)."""
-MIXED = 1000.0
-MIXED_FIT = 0.2
-"""and then fits the row before, when scaled by a thousand, to this share."""
 BLOCK_ROWS = 25
 """Rows of a block where the recording names none."""
 UNIT_QUATERNION = 0.05
@@ -62,6 +70,8 @@ class Recording:
     """(N, tendons) travel of each tendon; wound in is negative."""
     sign_known: bool
     """False: the travel of all tendons may have the other sign."""
+    of_shafts: bool
+    """The travel was given as angles of the drives' shafts."""
     tip_m: Floats
     """(N, 3) in the frame of the measurement."""
     tip_wxyz: Floats | None
@@ -75,6 +85,51 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+
+def conventional_columns(path: Path, description: RobotDescription) -> ColumnMap:
+    """The map of a recording whose columns are named as this program names things.
+
+    time_s (or _ms); each tendon by its name with a unit, as S1_mm for travel or S1_rad for the drive's shaft, paid out or
+    turned as the description counts it; tip_x_mm, tip_y_mm, tip_z_mm; if there, tip_qw, tip_qx, tip_qy, tip_qz and motion.
+
+    Raises:
+        RecordingError: the file cannot be read, or a column is missing or there in two units.
+    """
+    header = column_names(path)
+
+    def one_unit(names: tuple[str, ...], units: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+        found = [with_unit(path, header, name, units) for name in names]
+        unit = found[0].removeprefix(f"{names[0]}_")
+        for name, column in zip(names, found, strict=True):
+            if column != f"{name}_{unit}":
+                raise RecordingError(f"{path}: column {column!r} is in another unit than {found[0]!r}; give one unit")
+        return tuple(found), unit
+
+    (time,), time_unit = one_unit(("time",), tuple(TIME_UNITS))
+    tendons, travel_unit = one_unit(description.tendon_names, (*LENGTH_UNITS, *ANGLE_UNITS))
+    tip, tip_unit = one_unit(("tip_x", "tip_y", "tip_z"), tuple(LENGTH_UNITS))
+    quaternion = ("tip_qw", "tip_qx", "tip_qy", "tip_qz")
+    groups, at = [], 0
+    for section in description.sections:
+        if section.routing is not None:
+            count = len(section.routing.names)
+            groups.append(tendons[at : at + count])
+            at += count
+    return msgspec.convert(
+        {
+            "time": time,
+            "time_unit": time_unit,
+            "tendons": groups,
+            "travel_unit": travel_unit,
+            "travel_positive": "paid-out",
+            "tip": tip,
+            "tip_unit": tip_unit,
+            "tip_quaternion": quaternion if any(name in header for name in quaternion) else None,
+            "block": "motion" if "motion" in header else None,
+        },
+        ColumnMap,
+    )
 
 
 def load_columns(path: Path) -> ColumnMap:
@@ -116,24 +171,23 @@ def read_recording(
     wxyz = np.stack([table.numbers[name] for name in quaternion], axis=-1) if quaternion else None
     faults = _faults(columns, description, travel, tip, wxyz)
     if faults and not skip_bad_rows:
-        i = min(faults)
-        raise RecordingError(f"{path}: row {table.rows[i]}: {faults[i]}")
+        raise first_fault(path, table, faults)
     keep = np.array([i for i in range(len(tip)) if i not in faults], dtype=np.int64)
-    if not keep.size:
-        raise RecordingError(f"{path}: has no usable row below its column names")
+    table = without(table, faults)
     _check_units(str(path), columns, description, travel[keep], tip[keep])
-    block, block_names = _blocks(table, columns, keep)
+    block, block_names = _blocks(table, columns)
     return Recording(
         source=path.name,
-        time_s=table.numbers[columns.time][keep] * TIME_UNITS[columns.time_unit],
+        time_s=table.numbers[columns.time] * TIME_UNITS[columns.time_unit],
         paid_out_m=(-travel if columns.travel_positive == "wound-in" else travel)[keep],
         sign_known=columns.travel_positive != "unknown",
+        of_shafts=columns.travel_unit in ANGLE_UNITS,
         tip_m=tip[keep],
         tip_wxyz=None if wxyz is None else (wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True))[keep],
         block=block,
         block_names=block_names,
-        rows=table.rows[keep],
-        skipped=(*table.skipped, *(f"row {table.rows[i]}: {faults[i]}" for i in sorted(faults))),
+        rows=table.rows,
+        skipped=table.skipped,
     )
 
 
@@ -156,13 +210,12 @@ def _travel_scale(columns: ColumnMap, description: RobotDescription) -> Floats:
     return np.array([drive.travel_per_rad for drive in drives]) * ANGLE_UNITS[columns.travel_unit]
 
 
-def _blocks(table: Table, columns: ColumnMap, keep: Indices) -> tuple[Indices, tuple[str, ...]]:
+def _blocks(table: Table, columns: ColumnMap) -> tuple[Indices, tuple[str, ...]]:
     """A new block begins wherever the name changes, so that a motion done twice is two blocks."""
     if columns.block is None:
-        block = np.arange(len(keep)) // BLOCK_ROWS
-        first = keep[::BLOCK_ROWS]
-        return block.astype(np.int64), tuple(f"from row {table.rows[i]}" for i in first)
-    labels = np.array(table.text[columns.block])[keep]
+        block = np.arange(len(table.rows)) // BLOCK_ROWS
+        return block.astype(np.int64), tuple(f"from row {row}" for row in table.rows[::BLOCK_ROWS])
+    labels = np.array(table.text[columns.block])
     begins = np.concatenate([[True], labels[1:] != labels[:-1]])
     return (np.cumsum(begins) - 1).astype(np.int64), tuple(str(label) for label in labels[begins])
 
@@ -173,30 +226,15 @@ def _faults(
     """Rows that cannot be right, and why."""
     tendons = ", ".join(name for group in columns.tendons for name in group)
     what = f"the tip ({', '.join(columns.tip)})"
-    faults = _mixed(what, columns.tip_unit, tip, JUMP * description.active_length_m)
+    faults = rows_in_another_unit(what, columns.tip_unit, tip, JUMP * description.active_length_m)
     moved = float(np.ptp(travel, axis=0).max())
-    faults |= _mixed(f"the travel ({tendons})", columns.travel_unit, travel, JUMP * moved)
+    faults |= rows_in_another_unit(f"the travel ({tendons})", columns.travel_unit, travel, JUMP * moved)
     if wxyz is not None:
         norm = np.linalg.norm(wxyz, axis=-1)
         for i in np.flatnonzero(np.abs(norm - 1.0) > UNIT_QUATERNION):
             faults[int(i)] = (
                 f"{', '.join(columns.tip_quaternion or ())} is no unit quaternion (its norm is {norm[i]:.3g})"
             )
-    return faults
-
-
-def _mixed(what: str, unit: str, values: Floats, jump: float) -> dict[int, str]:
-    """A row in metres among rows in millimetres (or the reverse) fits the row before only when scaled by a thousand."""
-    faults = {}
-    last = values[0]
-    for i, value in enumerate(values):
-        off = float(np.linalg.norm(value - last))
-        near = MIXED_FIT * float(np.linalg.norm(last))
-        scale = next((s for s in (MIXED, 1.0 / MIXED) if np.linalg.norm(s * value - last) < near), None)
-        if off > jump and scale is not None:
-            faults[i] = f"{what} fits the row before only when multiplied by {scale:g}; is this row not in {unit}?"
-        else:
-            last = value
     return faults
 
 

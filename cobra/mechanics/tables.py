@@ -2,8 +2,8 @@
 
 import csv
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,12 @@ from cobra.errors import OperatorError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+MIXED = 1000.0
+MIXED_APART = 30.0
+"""A row in another unit is this many times larger or smaller than is usual,"""
+MIXED_FIT = 0.5
+"""and scaled by a thousand it is nearer to its neighbours, to this share of how far off it was."""
 
 
 class RecordingError(OperatorError):
@@ -79,6 +85,114 @@ def read_table(
         {name: tuple(words[i] for _, _, words in kept) for i, name in enumerate(text)},
         np.array([number for number, _, _ in kept], dtype=np.int64),
         tuple(skipped),
+    )
+
+
+def read_quantities(
+    path: Path,
+    wanted: Mapping[str, Mapping[str, float]],
+    *,
+    text: Sequence[str] = (),
+    increasing: str | None = None,
+    skip_bad_rows: bool = False,
+) -> tuple[Table, dict[str, str]]:
+    """Read columns whose names end with their unit (time_s, angle_deg) in SI units, under their names without it.
+
+    `wanted` maps such a name to its units and their factors to SI. Also returns the name of each column as it stands in
+    the file.
+
+    Raises:
+        RecordingError: as `read_table`; also where a quantity has no column, or one in each of two units.
+    """
+    header = column_names(path)
+    columns = {name: with_unit(path, header, name, tuple(units)) for name, units in wanted.items()}
+    table = read_table(
+        path,
+        tuple(columns.values()),
+        text=text,
+        increasing=None if increasing is None else columns[increasing],
+        skip_bad_rows=skip_bad_rows,
+    )
+    scaled = {
+        name: table.numbers[column] * wanted[name][column.removeprefix(f"{name}_")] for name, column in columns.items()
+    }
+    return replace(table, numbers=scaled), columns
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """The first row of a CSV.
+
+    Raises:
+        RecordingError: the file cannot be read, or is empty.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return tuple(name.strip() for name in next(csv.reader(file), ()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+
+
+def with_unit(path: Path, header: Sequence[str], name: str, units: Sequence[str]) -> str:
+    """The column of the header that is the name with one of the units.
+
+    Raises:
+        RecordingError: there is none, or more than one.
+    """
+    found = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in header]
+    if not found:
+        raise RecordingError(
+            f"{path}: column {' or '.join(repr(f'{name}_{unit}') for unit in units)} is missing; "
+            f"there are {', '.join(header) or 'none'}"
+        )
+    if len(found) > 1:
+        raise RecordingError(f"{path}: has columns {' and '.join(map(repr, found))}; give one of them")
+    return found[0]
+
+
+def rows_in_another_unit(what: str, unit: str, values: Floats, jump: float) -> dict[int, str]:
+    """Rows of values (N, d) that jump by more than `jump` away from the motion so far, and fit it once scaled by a
+    thousand: a row in metres among rows in millimetres, or the reverse."""
+    size = np.linalg.norm(values, axis=-1)
+    usual = float(np.quantile(size, 0.9))
+    faults: dict[int, str] = {}
+    # From a row of usual size both ways, so that a first row in another unit does not accuse all others.
+    start = int(np.argmin(np.abs(size - np.median(size))))
+    for order in (range(start, len(values)), range(start, -1, -1)):
+        last, trend = values[start], np.zeros(values.shape[1])
+        for i in order:
+            value = values[i]
+            off = min(float(np.linalg.norm(value - last)), float(np.linalg.norm(value - last - trend)))
+            scale = MIXED if size[i] < usual / MIXED_APART else 1.0 / MIXED if size[i] > usual * MIXED_APART else 1.0
+            after = values[min(max(i + order.step, 0), len(values) - 1)]
+            if scale != 1.0 and off > jump and _from_segment(scale * value, last, after) < MIXED_FIT * off:
+                faults[i] = f"{what} fits its neighbours only when multiplied by {scale:g}; is this row not in {unit}?"
+            else:
+                last, trend = value, value - last
+    return faults
+
+
+def _from_segment(point: Floats, a: Floats, b: Floats) -> float:
+    along = b - a
+    length2 = float(along @ along)
+    share = min(max(float((point - a) @ along) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    return float(np.linalg.norm(point - a - share * along))
+
+
+def first_fault(path: Path, table: Table, faults: Mapping[int, str]) -> RecordingError:
+    """The error that names the first of some faulty entries of a table."""
+    i = min(faults)
+    return RecordingError(f"{path}: row {table.rows[i]}: {faults[i]}")
+
+
+def without(table: Table, faults: Mapping[int, str]) -> Table:
+    """The table without some faulty entries."""
+    keep = [i for i in range(len(table.rows)) if i not in faults]
+    return Table(
+        table.source,
+        {name: column[keep] for name, column in table.numbers.items()},
+        {name: tuple(words[i] for i in keep) for name, words in table.text.items()},
+        table.rows[keep],
+        (*table.skipped, *(f"row {table.rows[i]}: {faults[i]}" for i in sorted(faults))),
     )
 
 
