@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from app.identify.figures import knowledge_figure, selection_figure, tip_figure
 from app.identify.results import tell_skipped, write
@@ -126,11 +126,12 @@ def _tell(console: Console, outcome: Outcome, shown: list[tuple[str, str, Errors
     console.print(f"effects: {', '.join(fit.model.effects) or 'none'}", highlight=False)
     if outcome.calibration.sign < 0:
         console.print("the travel's sign is the other one than the columns and the description say", highlight=False)
-    table = Table("tip error [mm]", "samples", "mean", "median", "95 %", "max", "mean / length")
+    table = Table(Column("tip error [mm]", no_wrap=True), "samples", "mean", "median", "95 %", "max", "mean / length")
     for what, source, e in shown:
         numbers = [f"{MM * v:.2f}" for v in (e.mean_m, e.median_m, e.p95_m, e.max_m)]
         table.add_row(escape(f"{what} {source}"), str(e.samples), *numbers, f"{100.0 * e.relative:.2f} %")
     console.print(_parameter_table(known))
+    console.print("told: the data tell it better than what is usual for such robots", highlight=False)
     if known.untold:
         console.print("the data cannot tell these together, least known first:", highlight=False)
         for combination in known.untold[:UNTOLD_SHOWN]:
@@ -148,7 +149,7 @@ def _held_out_table(selection: Selection) -> Table:
 
 
 def _parameter_table(known: Knowledge) -> Table:
-    table = Table("parameter", "value", "95 % interval", "unit", "told by the data")
+    table = Table(Column("parameter", no_wrap=True), "value", Column("95 % interval", no_wrap=True), "unit", "told")
     for p in known.parameters:
         scale, unit = PEOPLES_UNITS.get(p.unit, (1.0, p.unit))
         interval = f"{scale * p.low:.4g} … {scale * p.high:.4g}"

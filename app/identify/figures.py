@@ -19,6 +19,8 @@ Rows = NDArray[np.bool_]
 
 AXES = "xyz"
 MM = 1e3
+LEAST_SHOWN = 1e-2
+"""Of the singular values; what is under it is as good as zero."""
 MOST_NAMES = 12
 """More sets than this are not named in a picture."""
 TOLD_COLOR, UNTOLD_COLOR = "tab:blue", "tab:red"
@@ -78,9 +80,11 @@ def knowledge_figure(known: Knowledge) -> Figure:
     colors = [TOLD_COLOR if p.is_told else UNTOLD_COLOR for p in known.parameters]
     left.barh(place, [p.told for p in known.parameters], color=colors)
     left.set_yticks(place, [p.name for p in known.parameters], fontsize="x-small")
+    left.margins(y=0.01)
     left.set_xlabel("uncertainty, as a share of what is usual (red: the data cannot tell)")
     right.semilogy(np.arange(1, len(known.singular_values) + 1), known.singular_values, "o", ms=3)
     right.axhline(1.0, color=UNTOLD_COLOR, ls="--")
+    right.set_ylim(bottom=LEAST_SHOWN)
     right.set_xlabel("combination of parameters")
     right.set_ylabel("singular value (under 1: the data cannot tell)")
     return figure

@@ -192,7 +192,7 @@ def test_a_calibration_is_written_and_its_description_accepted(identify, tmp_pat
         *("calibrate", "motion.csv", "--robot", "mine.toml", "--model", "plain", "--validate", "motion.csv")
     )
     assert answer.returncode == 0, answer.stderr
-    for words in ("motions held out", "sections 1 and 2", "gain[t21]", "told by the data", "held out motion.csv"):
+    for words in ("motions held out", "sections 1 and 2", "gain[t21]", "told: the data tell it", "held out motion.csv"):
         assert words in answer.stdout
     out = tmp_path / "identified"
     robot = load_description(out / "robot.toml")
