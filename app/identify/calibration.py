@@ -30,12 +30,14 @@ from cobra.mechanics.calibration_report import (
     predict_after,
 )
 from cobra.mechanics.model_selection import Outcome, Selection, Trial, calibrate
-from cobra.mechanics.recordings import ColumnMap, Recording, conventional_columns, load_columns, read_recording
+from cobra.mechanics.recordings import ColumnMap, Recording, conventional_columns, load_columns, read_recording, thinned
 from cobra.mechanics.robot_model import EFFECTS, nominal
 from cobra.mechanics.tables import Floats
 
 MM = 1e3
 UNTOLD_SHOWN = 8
+MOST_SAMPLES = 4000
+"""More take longer to fit and tell no more: neighbouring samples repeat each other."""
 PEOPLES_UNITS = {"m": (MM, "mm"), "rad": (180.0 / math.pi, "°")}
 TravelPositive = Literal["wound-in", "paid-out", "unknown"]
 
@@ -69,9 +71,11 @@ def run_calibration(options: CalibrateOptions, console: Console | None = None) -
     robot = nominal(description)
     first = _read(console, options.recording, options, description)
     then = _read(console, options.validate, options, description) if options.validate else None
+    rows = len(first)
+    first = thinned(first, MOST_SAMPLES)
     console.print(
-        f"{first.source}: {len(first)} samples in {len(first.block_names)} motions. Fitting takes minutes; each model is "
-        "tried on motions held out.",
+        f"{first.source}: {len(first)} samples{f' (of {rows} rows, evenly)' if rows > len(first) else ''} in "
+        f"{len(first.block_names)} motions. Fitting takes minutes; each model is tried on motions held out.",
         highlight=False,
     )
     effects = {"select": None, "all": tuple(EFFECTS), "plain": ()}[options.model]

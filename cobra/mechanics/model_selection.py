@@ -114,6 +114,8 @@ def select(
         if effect in best.effects:
             continue
         model = plain.model.with_effects((*best.effects, effect))
+        if model.size == held[0].model.size:  # such as routing twist in a robot of one section
+            continue
         tried = []
         for fit, part in zip(held, parts, strict=True):
             start = Fit(model, fit.model.carry(fit.x, model), np.inf, fit.doubt)

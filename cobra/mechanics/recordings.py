@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -188,6 +188,25 @@ def read_recording(
         block_names=block_names,
         rows=table.rows,
         skipped=table.skipped,
+    )
+
+
+def thinned(recording: Recording, most: int) -> Recording:
+    """Every k-th sample, so that at most `most` are left; the recording itself where it is no longer."""
+    step = -(-len(recording) // most)
+    if step <= 1:
+        return recording
+    kept = recording.block[::step]
+    present, block = np.unique(kept, return_inverse=True)
+    return replace(
+        recording,
+        time_s=recording.time_s[::step],
+        paid_out_m=recording.paid_out_m[::step],
+        tip_m=recording.tip_m[::step],
+        tip_wxyz=None if recording.tip_wxyz is None else recording.tip_wxyz[::step],
+        block=block.astype(np.int64),
+        block_names=tuple(recording.block_names[i] for i in present),
+        rows=recording.rows[::step],
     )
 
 

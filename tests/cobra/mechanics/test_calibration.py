@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cobra.errors import OperatorError
-from cobra.loading import load_description, parse_description
+from cobra.loading import load_description, parse_description, robot_names
 from cobra.mechanics.calibration import Calibration, adjust, begin, predict, sequence, tip_errors
 from cobra.mechanics.calibration_report import (
     calibrated_description,
@@ -171,6 +171,12 @@ def test_the_calibrated_description_is_a_description(calibration, recording, tru
     assert spools == pytest.approx(0.01 * true_robot.gain, rel=0.01)
     assert made.provenance.given["sections[0].length_m"] == "calibrated on train.csv"
     assert made.drives[0].direction == ROBOT.drives[0].direction
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_robot_survives_being_written(name):
+    robot = load_description(name)
+    assert parse_description(description_text(robot), name) == robot
 
 
 def test_a_shaft_that_turns_the_other_way_turns_the_drive_round(calibration, recording):

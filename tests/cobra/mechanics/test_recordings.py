@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cobra.loading import load_description
-from cobra.mechanics.recordings import conventional_columns, load_columns, read_recording
+from cobra.mechanics.recordings import conventional_columns, load_columns, read_recording, thinned
 from cobra.mechanics.tables import RecordingError, read_quantities
 from tests.calibration_recordings import REAL_ROBOT, nominal_robot, real_recording, synthetic, write_conventional
 
@@ -190,6 +190,15 @@ def test_bad_rows_are_left_out_only_on_request_and_are_listed(path, made):
     assert set(recording.rows.tolist()) == set(range(2, len(made[1].tip_m) + 2)) - {7, 20, 30}
     kept = recording.rows - 2
     assert recording.tip_m == pytest.approx(made[1].tip_m[kept], abs=1e-8)
+
+
+def test_a_long_recording_is_thinned_evenly_and_keeps_its_motions(path, made):
+    recording = read(path)
+    assert thinned(recording, 84) is recording
+    thin = thinned(recording, 30)
+    assert len(thin) == 28
+    assert thin.tip_m == pytest.approx(recording.tip_m[::3])
+    assert [thin.block_names[b] for b in thin.block] == list(made[1].motion[::3])
 
 
 @pytest.mark.parametrize(
