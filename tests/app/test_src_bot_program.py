@@ -7,6 +7,7 @@ import pytest
 
 from cobra.kinematics.backbone import Backbone
 from cobra.loading import load_description
+from cobra.messages import Push
 from tests.stack import Page, Stack, running, wait_for
 
 ROBOT = "src-bot"
@@ -96,3 +97,24 @@ def test_round_a_cone_of_directions_and_back_then_locked_and_freed(tmp_path, twi
         stack.observer.settled_tip()
         assert not any(stack.observer.truth()["locked"])
         assert page.snapshot["length_mm"] == pytest.approx(1e3 * stack.observer.state.measured[LENGTH], abs=0.5)
+
+
+def test_on_its_equations_of_motion_it_drives_and_a_push_moves_the_twin_and_no_drive(tmp_path):
+    with running(tmp_path, "--twin", "dynamics", *QUICK, robot=ROBOT) as stack, Page(stack.url) as page:
+        page.arm()
+        steer_to(page, stack, (0.4, 0.3))
+        tip, q = stack.observer.settled_tip(), np.array(stack.observer.state.measured)
+        assert np.linalg.norm(tip - BACKBONE.tip(q)[:3, 3]) < 0.03 * np.linalg.norm(tip)
+        setpoints = stack.observer.state.drives.setpoint
+        push = Push(vertebra=4, force_N=(0.0, 3.0, 0.0))
+
+        def moved() -> bool:
+            stack.observer.link.push(push)
+            return bool(np.linalg.norm(stack.observer.tip() - tip) > 0.005)
+
+        wait_for("the push to be felt", moved, 5.0)
+        assert stack.observer.state.drives.setpoint == setpoints, "it moves the twin, and no drive is told"
+        for nonsense in (Push(vertebra=99), Push(vertebra=0, force_N=(1e9, 0.0, 0.0))):
+            stack.observer.link.push(nonsense)
+        wait_for("it to end by itself", lambda: np.linalg.norm(stack.observer.tip() - tip) < 0.004, 10.0)
+        assert stack.observer.state.phase == "ready"
