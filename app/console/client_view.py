@@ -38,11 +38,18 @@ class ClientView:
         history: History,
         parts: Parts = PARTS,
         sticks: Callable[[], StickFrame] = lambda: "world",
+        *,
+        tip_only: bool = False,
+        looks_only: bool = False,
     ) -> None:
-        """`sticks` tells by which view the driver's sticks go."""
+        """`sticks` tells by which view the driver's sticks go; `tip_only`: the camera rides on the tip for good;
+        `looks_only`: nothing of this client's reaches us but its camera, so it gets no controls."""
         self._sticks = sticks
-        self._follows = True
+        self._follows = not tip_only
         self._camera: tuple[str, float] = (FREE, 0.0)
+        self._tip_only = tip_only
+        self._looks_only = looks_only
+        self._plot: viser.GuiUplotHandle | None = None
         self._client = client
         self._description = description
         self._scene = scene
@@ -58,8 +65,14 @@ class ClientView:
         """Build the client's controls. Not while another client's are being built: they share the tabs."""
         length, camera, gui = self._description.active_length_m, self._client.camera, self._client.gui
         camera.min_orbit_distance, camera.max_orbit_distance = 0.05 * length, 8.0 * length
-        if camera.image_width < NARROW_PX:
+        if camera.image_width < NARROW_PX or self._tip_only:
             gui.main_panel.minimize()
+        if self._tip_only:
+            self._choose_camera(TIP)
+        if self._tip_only or self._looks_only:
+            for part in self._parts:
+                self._show(part)
+            return
         with self._panels.view_tab:
             mode = gui.add_dropdown("camera", (STICKS, FREE, TIP))
             mode.on_update(lambda _: self._choose_camera(mode.value))
@@ -90,7 +103,7 @@ class ClientView:
                 rotation = self._scene.tip_rotation
                 ahead = 0.3 * self._description.active_length_m * rotation[:, 2]
                 self._look(self._scene.tip_position, self._scene.tip_position + ahead, -rotation[:, 1])
-            if plot:
+            if plot and self._plot is not None:
                 self._plot.data = self._history.data(self._shown)
 
     def _follow_sticks(self) -> None:
@@ -104,7 +117,7 @@ class ClientView:
     def _choose(self) -> None:
         with self._changing:
             chosen = next(channel for channel in self._history.channels if channel.title == self._choice.value)
-            if chosen is not self._shown:
+            if chosen is not self._shown and self._plot is not None:
                 self._plot.remove()
                 with self._frame:
                     self._shown, self._plot = chosen, add_plot(self._client.gui, self._history, chosen)

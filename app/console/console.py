@@ -23,6 +23,8 @@ from app.console.front_door import FrontDoor
 from app.console.gamepad import Gamepad
 from app.console.inputs import Controls
 from app.console.listening import Tls, load_tls, own_names
+from app.console.pad_profile import PadProfiles
+from app.console.pad_routes import pad_routes
 from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
 from app.console.robot_connection import RobotConnection
@@ -130,7 +132,9 @@ class Console:
         options, clock = self._options, SystemClock()
         port, note = _choose_port(options.port)
         seat = Seat(getpass.getuser(), shared=not welcome.sessions.sign_in_needed)
-        pilot = Pilot(description, clock, admits=seat.admits)
+        pads = PadProfiles()
+        pads.start()
+        pilot = Pilot(description, clock, pads.of, seat.admits)
         driver = Driver(
             seat,
             pilot,
@@ -179,6 +183,7 @@ class Console:
             session,
             sessions=welcome.sessions,
             viewer_secret=viewer.secret,
+            more=pad_routes(pads, armed=lambda: _armed(robot)),
             tls=welcome.tls,
             metrics=metrics,
             names=own_names(options.host, options.names),
@@ -209,6 +214,12 @@ class _Welcome(NamedTuple):
     sessions: Sessions
     tls: Tls | None
     danger: str
+
+
+def _armed(robot: RobotConnection) -> bool:
+    """Whether the drives may be on, as far as is known."""
+    state = robot.latest()
+    return state is None or state.phase != "disarmed"
 
 
 class _Part(Protocol):

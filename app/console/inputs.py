@@ -37,6 +37,10 @@ class Controls(msgspec.Struct, frozen=True, kw_only=True):
     connected: bool = True
     stamp: float = 0.0
     """When it was read, changed or not [s, the console's monotonic clock]. What comes over a network is stamped on arrival."""
+    device: str = ""
+    """The pad that was read, where a page has one; empty for its keys and on-screen controls."""
+    lag_s: float = 0.0
+    """Round trip to the page that read it [s]; 0 for a device on the console's own computer."""
 
 
 class InputSource(Protocol):

@@ -124,6 +124,10 @@ class _ControlsMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     rt: Trigger
     buttons: frozenset[Button]
     held: bool
+    since: Annotated[float, Meta(ge=0)] | None = None
+    """How long ago the page got that snapshot [ms]; the rest of its age was on the way."""
+    device: Annotated[str, Meta(max_length=160)] = ""
+    """The pad that the page read, corrected by its profile; empty for keys and on-screen controls."""
 
 
 class _Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="act"):
@@ -317,6 +321,8 @@ class _Page:
             right_trigger=message.rt,
             buttons=message.buttons | {DEAD_MAN} if held else message.buttons - {DEAD_MAN},
             stamp=now,
+            device=message.device,
+            lag_s=0.0 if message.since is None else max(0.0, now - message.echo - message.since / 1e3),
         )
         self._socket.session.controls(self.name, message.seq, controls)
 

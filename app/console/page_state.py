@@ -104,11 +104,12 @@ class LockState(TypedDict):
 
 
 class EventLine(TypedDict):
-    """`ago` in seconds; `level` is info, warning or alarm."""
+    """`ago` in seconds; `level` is info, warning, alarm or marker; `stamp` on the robot's clock tells them apart."""
 
     level: str
     text: str
     ago: float
+    stamp: NotRequired[float]
 
 
 class RecordingState(TypedDict):

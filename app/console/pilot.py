@@ -26,6 +26,7 @@ from app.console.mapping import (
     first_selection,
     map_controls,
 )
+from app.console.pad_profile import AS_BUILT, PadProfile, corrected
 from cobra.clock import Clock
 from cobra.control.modes.mode import modes_of
 from cobra.control.modes.stick_frame import StickFrame
@@ -48,6 +49,9 @@ WHY_NOT: dict[Phase, str] = {
 }
 
 NOBODY = Controls(connected=False)
+
+SLOWER_S, SLOWEST_S, SLOWEST = 0.2, 0.5, 0.25
+"""Round trips from which motion gets slower, and at which it has this share of its speed; beyond, commands are dropped."""
 
 Stage = Literal["release", "ready", "pressed", "driving"]
 """release: must let go first. ready: may press. pressed: waits for the robot to report its last stop. driving."""
@@ -87,11 +91,14 @@ class _Source:
     device: InputSource | None
     """Polled where there is one; else its readings are pushed."""
     controls: Controls
+    """The newest reading, corrected as its device's profile says."""
     stage: Stage = "release"
     clutched: bool = False
     """The clutch was pressed, and since then not both let go of and the sticks centred."""
     pressed_s: float = 0.0
     watch: FreezeWatch = field(default_factory=FreezeWatch)
+    raw: Controls | None = None
+    profile: PadProfile = AS_BUILT
 
 
 class Pilot:
@@ -101,14 +108,14 @@ class Pilot:
         self,
         description: RobotDescription,
         clock: Clock,
-        profile: Profile | None = None,
+        profiles: Callable[[str], PadProfile] = lambda device: AS_BUILT,
         admits: Callable[[str], bool] = lambda source: True,
     ) -> None:
-        """`admits` says whether a source, by its key, is the driver's: others can only STOP."""
+        """`profiles` gives each device's profile by its name; `admits` says whether a source, by its key, is the driver's: others can only STOP."""
         self._admits = admits
         self._description = description
         self._clock = clock
-        self._profile = profile or Profile()
+        self._profiles = profiles
         self._selection = first_selection(description)
         self._lock = threading.Lock()
         self._sources: dict[str, _Source] = {}
@@ -213,7 +220,8 @@ class Pilot:
             controls = source.controls if source else NOBODY
             if source and source.clutched:
                 controls = replace(controls, buttons=controls.buttons | {CLUTCH})
-            intent = map_controls(controls, controls, self._selection, self._profile, self._description).intent
+            intent = map_controls(controls, controls, self._selection, self._shape(source), self._description).intent
+            intent = replace(intent, speed=intent.speed * pace(controls.lag_s))
             return Wanted(source is not None, intent, controls.stamp, self._driver, controls, self._selection)
 
     def take_actions(self) -> tuple[Action, ...]:
@@ -231,15 +239,17 @@ class Pilot:
 
     def _refresh(self, now: float) -> None:
         for key, source in self._sources.items():
-            if source.device is not None and (controls := source.device.read()) is not source.controls:
+            if source.device is not None and (controls := source.device.read()) is not source.raw:
                 self._take(key, controls, now)
         self._check(now)
 
     def _take(self, key: str, controls: Controls, now: float) -> None:
         source = self._sources[key]
+        source.raw, source.profile = controls, self._profiles(controls.device or self._device_of(source))
+        controls = corrected(controls, source.profile) if source.device else controls  # a page corrects its own pad
         previous, source.controls = source.controls, controls
         source.watch.look(controls)
-        mapped = map_controls(controls, previous, self._selection, self._profile, self._description)
+        mapped = map_controls(controls, previous, self._selection, self._shape(source), self._description)
         if fault := fault_of(controls):
             self._counts[f"{key}: {fault}"] += 1
         if "stop" in mapped.actions:
@@ -256,7 +266,7 @@ class Pilot:
         if not self._is_drivers(key):
             source.stage = "release"
             return
-        at_rest = centred(controls, self._profile)
+        at_rest = centred(controls, self._shape(source))
         source.clutched = CLUTCH in controls.buttons or (source.clutched and not at_rest)
         if not self._driver:
             self._selection = mapped.selection
@@ -313,8 +323,8 @@ class Pilot:
             return f"reads values that are {fault}"
         if abs(now - controls.stamp) > SILENCE_S:
             return "fell silent"
-        moving = source.stage == "driving" and not centred(controls, self._profile)
-        if moving and source.device is not None and source.watch.frozen():
+        moving = source.stage == "driving" and not centred(controls, self._shape(source))
+        if moving and (source.device is not None or controls.device) and source.watch.frozen():
             return "does not change any more, as if it were frozen"
         return ""
 
@@ -344,6 +354,12 @@ class Pilot:
     def _phase_at(self, now: float) -> Phase | None:
         return self._phase if now - self._phase_s <= ROBOT_SILENCE_S else None
 
+    def _shape(self, source: _Source | None) -> Profile:
+        return source.profile.shape if source else AS_BUILT.shape
+
+    def _device_of(self, source: _Source) -> str:
+        return source.device.name if source.device else ""
+
     def _name(self, key: str) -> str:
         device = self._sources[key].device
         return device.name if device is not None else key
@@ -358,7 +374,7 @@ class Pilot:
             return "it is not chosen to drive; STOP acts" if source.device else "take the controls to drive; STOP acts"
         if self._driver:
             return f"{self._name(self._driver)} drives; only STOP acts from here"
-        at_rest = centred(source.controls, self._profile)
+        at_rest = centred(source.controls, self._shape(source))
         if DEAD_MAN in source.controls.buttons:
             return f"let go of {dead_man}{'' if at_rest else ', centre the sticks'}, then press again"
         if not at_rest:
@@ -372,3 +388,9 @@ class Pilot:
 def _unseen(controls: Controls) -> Controls:
     """What came before the first reading: buttons that are down already were not pressed now, STOP excepted."""
     return Controls(buttons=controls.buttons - {"b"}, connected=False, stamp=controls.stamp)
+
+
+def pace(lag_s: float) -> float:
+    """Share of the speed that a driver gets who sees and acts this late: what he corrects, he corrects late."""
+    late = min(1.0, max(0.0, (lag_s - SLOWER_S) / (SLOWEST_S - SLOWER_S)))
+    return 1.0 - (1.0 - SLOWEST) * late

@@ -39,7 +39,7 @@ from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.messages import Drives, Reply, Request, RobotState
 
-SHOWN_EVENTS = 8
+SHOWN_EVENTS = 24
 STALE_S = 0.5
 
 
@@ -308,7 +308,9 @@ class ConsoleSession:
     def _events(self, state: RobotState | None) -> list[EventLine]:
         now = state.stamp if state else 0.0
         newest = list(self._robot.events)[-SHOWN_EVENTS:]
-        return [EventLine(level=e.level, text=e.text, ago=max(now - e.stamp, 0.0)) for e in reversed(newest)]
+        return [
+            EventLine(level=e.level, text=e.text, ago=max(now - e.stamp, 0.0), stamp=e.stamp) for e in reversed(newest)
+        ]
 
 
 def _cause(state: RobotState | None, present: bool) -> str:

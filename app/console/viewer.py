@@ -26,6 +26,7 @@ from app.console.scene import EXTRA_PARTS, PARTS, SLOW_EVERY, BadStateError, Par
 from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
+from app.console.viewer_proxy import ROLE_HEADER, VIEW_HEADER
 from cobra.clock import Clock, SystemClock
 from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
@@ -249,8 +250,18 @@ class Viewer:
         )
 
     def _welcome(self, client: viser.ClientHandle) -> None:
+        request = self._running()._websock_server._live_connections[client.client_id].request
+        headers = request.headers if request else {}
         view = ClientView(
-            client, self._description, self._scene, self._panels, self._history, self._parts(), self.sticks
+            client,
+            self._description,
+            self._scene,
+            self._panels,
+            self._history,
+            self._parts(),
+            self.sticks,
+            tip_only=headers.get(VIEW_HEADER) == "tip",
+            looks_only=headers.get(ROLE_HEADER) == "viewer",
         )
 
         def build() -> None:

@@ -72,6 +72,8 @@ SECRET_HEADER = "x-cobra-secret"
 """What viser wants to see of whoever connects: other users of this machine do not know it."""
 ROLE_HEADER, VIEW_HEADER = "x-cobra-role", "x-cobra-view"
 """Tell viser's side who looks, and which view the path asks for."""
+VIEWS = ("tip",)
+"""Under these paths viser's page is found again; the client is told which one it came by."""
 SESSION_CHECK_S = 1.0
 Present = Callable[[], Visitor | None]
 NO_CODE = (1005, 1006, 1015)
@@ -105,6 +107,7 @@ class ViewerProxy:
     async def page(self, request: Request) -> Response:
         """viser's files; its page with a script of ours ahead of its own."""
         path = request.path_params.get("path", "")
+        path = "" if path.rstrip("/") in VIEWS else path
         if ".." in path.replace("\\", "/").split("/"):
             return Response("Not found", 404)
         # A client for each request: the page is loaded once in hours. Plain HTTP, so no TLS context has to be built.

@@ -18,6 +18,8 @@ export class Driving {
     this.enabled = false;
     this.keys = new Set();
     this.pressed = new Map(); // on-screen control → its value
+    this.pad = null; // a `ChosenPad`, read at every tick
+    this.padReading = null;
     this.letGo = []; // called by end(), so that the widgets let their pointers go
     this.last = "";
     this.wasHeld = false;
@@ -52,17 +54,23 @@ export class Driving {
   end() {
     this.keys.clear();
     this.pressed.clear();
+    this.pad?.distrust();
+    if (this.padReading) this.padReading = { ...this.padReading, held: false };
     for (const release of this.letGo) release();
     this.#changed();
   }
 
-  /** The dead-man of the keyboard or of the page is held. */
+  /** The dead-man of the keyboard, of the page or of the chosen pad is held. */
   get held() {
+    return this.byHand || Boolean(this.padReading?.held);
+  }
+
+  get byHand() {
     return this.pressed.size > 0 || this.keys.has("Space");
   }
 
   reading() {
-    if (!this.held) return { ...AT_REST, held: false };
+    if (!this.byHand) return (this.enabled && this.padReading) || { ...AT_REST, held: false };
     const key = (code) => (this.keys.has(code) ? 1 : 0);
     const on = (control) => (this.pressed.has(control) ? 1 : 0);
     const either = (control, code) => Math.max(on(control), key(code));
@@ -87,7 +95,7 @@ export class Driving {
     this.last = text;
     this.changedAt = performance.now();
     this.ticks = 0;
-    if (reading.held && !this.wasHeld) this.send({ ...AT_REST, held: true });
+    if (reading.held && !this.wasHeld && !reading.device) this.send({ ...AT_REST, held: true });
     this.wasHeld = reading.held;
     this.send(reading);
     this.show(reading);
@@ -95,6 +103,11 @@ export class Driving {
 
   #tick() {
     this.ticks += 1;
+    const pad = this.pad?.reading() ?? null;
+    if (pad || this.padReading) {
+      this.padReading = pad;
+      this.#changed();
+    }
     const busy = this.held || performance.now() - this.changedAt < RECENT_MS;
     if (busy || this.ticks >= IDLE_TICKS) {
       this.ticks = 0;

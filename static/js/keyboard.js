@@ -5,7 +5,7 @@ const DRIVE_KEYS = new Set([
   "KeyC", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight",
 ]);
 
-/** @param on {stop(), section(index), speed(step), next("mode" or "frame")} */
+/** @param on {stop(), section(index), speed(step), next("mode" or "frame"), tip(), note(), acknowledge()} */
 export function listenToKeys(driving, on) {
   window.addEventListener("keydown", (event) => {
     if (event.code === "Escape") {
@@ -13,6 +13,7 @@ export function listenToKeys(driving, on) {
       return;
     }
     if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+    if (event.target.closest?.("input, select, textarea")) return; // typed there, not driven
     if (DRIVE_KEYS.has(event.code)) {
       // The space bar has one meaning: a button that happens to have the focus is pressed with Enter only.
       if (event.code === "Space" || driving.held) event.preventDefault();
@@ -23,6 +24,13 @@ export function listenToKeys(driving, on) {
       on.next(event.code === "KeyM" ? "mode" : "frame");
     } else if (!event.repeat && (event.key === "-" || event.key === "+" || event.key === "=")) {
       on.speed(event.key === "-" ? -1 : 1);
+    } else if (!event.repeat && event.code === "KeyT") {
+      on.tip();
+    } else if (!event.repeat && event.code === "KeyN") {
+      event.preventDefault(); // the letter is not the note's first
+      on.note();
+    } else if (!event.repeat && event.code === "KeyK") {
+      on.acknowledge();
     }
   });
   window.addEventListener("keyup", (event) => {

@@ -1,9 +1,10 @@
 // The websocket to the console: snapshots in, controls and requests out. Reconnects by itself; never drives by itself.
 
 import { PLACE } from "./format.js";
+import { Quality } from "./quality.js";
 
 const STALE_MS = 600; // No snapshot for this long: what is on the screen is not the robot's state any more.
-const PING_MS = 1000;
+const PING_MS = 250;
 const STALLED_BYTES = 2048; // More than this unsent: the line is stuck, and old controls must not pile up behind it.
 const SESSION_OVER = 4401;
 const LOST = { ok: false, reasons: ["the connection to the console is lost"] };
@@ -13,7 +14,8 @@ export class Link {
   constructor(on) {
     this.on = on;
     this.connected = false;
-    this.roundTrip = NaN;
+    this.quality = new Quality();
+    this.pings = 0; // sent and not answered
     this.page = "";
     this.echo = 0;
     this.sequence = 0;
@@ -22,7 +24,7 @@ export class Link {
     this.retryMs = 250;
     this.heard = -Infinity;
     setInterval(() => this.#watch(), 100);
-    setInterval(() => this.#send({ type: "ping", stamp: performance.now() }), PING_MS);
+    setInterval(() => this.#ping(), PING_MS);
     this.#open();
   }
 
@@ -31,7 +33,8 @@ export class Link {
     if (reading.held && this.socket.bufferedAmount > STALLED_BYTES) return false;
     this.sequence += 1;
     return this.#send({
-      type: "controls", seq: this.sequence, stamp: performance.now(), echo: this.echo, ...reading,
+      type: "controls", seq: this.sequence, stamp: performance.now(), echo: this.echo,
+      since: Math.max(0, performance.now() - this.heard), ...reading,
     });
   }
 
@@ -44,11 +47,22 @@ export class Link {
     });
   }
 
+  #ping() {
+    // An answer that is still out after a whole period tells as much as one that came.
+    if (this.pings > 0 && this.connected) this.quality.take(performance.now() - this.pingedAt);
+    if (this.pings > 1) this.quality.lost += 1;
+    if (this.#send({ type: "ping", stamp: performance.now() })) {
+      if (this.pings === 0) this.pingedAt = performance.now();
+      this.pings += 1;
+    }
+  }
+
   #open() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}${PLACE}ws`);
     this.socket = socket;
     this.sequence = 0;
+    this.pings = 0;
     socket.onmessage = (event) => {
       if (socket === this.socket) this.#take(JSON.parse(event.data));
     };
@@ -86,7 +100,8 @@ export class Link {
         this.requests.delete(message.id);
         break;
       case "pong":
-        this.roundTrip = performance.now() - message.stamp;
+        this.quality.take(performance.now() - message.stamp);
+        this.pings -= 1;
         break;
     }
   }
@@ -98,7 +113,7 @@ export class Link {
   #setConnected(yes) {
     if (yes === this.connected) return;
     this.connected = yes;
-    if (!yes) this.roundTrip = NaN;
+    if (!yes) this.quality.reset();
     this.on.connected(yes);
   }
 

@@ -1,13 +1,19 @@
 // The operator's page: joins the link to the console with the controls and the instruments.
 
+import { Alarms } from "./alarms.js";
+import { Authority } from "./authority.js";
 import { Driving } from "./driving.js";
 import { byId, figure, PLACE, setList, setText } from "./format.js";
+import { ChosenPad } from "./gamepad.js";
 import { Instruments } from "./instruments.js";
 import { listenToKeys } from "./keyboard.js";
 import { Link } from "./link.js";
 import { Lock } from "./lock.js";
 import { choice, Modes, press, speedLabels } from "./modes.js";
+import { notes } from "./notes.js";
 import { PadPicture } from "./pad.js";
+import { PadSetup } from "./pad_setup.js";
+import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
 import { holdButton, stick } from "./touch.js";
 import { showView } from "./view.js";
@@ -15,7 +21,10 @@ import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from
 
 const ANSWER_MS = 8000;
 const instruments = new Instruments();
-const pad = new PadPicture();
+const pad = new PadPicture(byId("pad-picture"));
+const alarms = new Alarms();
+const plot = new Plot();
+const authority = new Authority((what, value, text) => ask(what, value, text));
 const tables = new Tables();
 const lock = new Lock((what) => ask(what));
 const modes = new Modes((what, value, text) => ask(what, value, text));
@@ -40,9 +49,12 @@ const link = new Link({
     drawn = true;
   },
   connected(yes) {
-    driving.enabled = yes && facts.role !== "viewer";
+    enableDriving();
     // What was held before the line broke must be let go and pressed anew.
-    if (!yes) driving.end();
+    if (!yes) {
+      driving.end();
+      if (facts) alarms.raise("offline", "The connection to the console was lost.");
+    }
     draw();
   },
 });
@@ -115,6 +127,39 @@ byId("quit-dialog").addEventListener("close", (event) => {
 
 // ---------------------------------------------------------------- driving
 
+let settingUp = false;
+
+function enableDriving() {
+  driving.enabled = link.connected && facts?.role !== "viewer" && !settingUp;
+}
+
+const chosenPad = new ChosenPad({
+  stop,
+  lost(name) {
+    driving.end();
+    if (name) showAnswer(`${name} is gone. Whatever it drove has ended; choose a pad again under Pad.`);
+  },
+});
+driving.pad = chosenPad;
+
+let padOfConsole = false; // whether the console's pad drove before it was set up
+const padSetup = new PadSetup(chosenPad, {
+  ask,
+  state: () => state,
+  opened(device) {
+    settingUp = true;
+    driving.end();
+    enableDriving();
+    padOfConsole = device.at === "console" && state.seat.console_pad;
+    if (padOfConsole) ask("console_pad", 0);
+  },
+  closed() {
+    settingUp = false;
+    enableDriving();
+    if (padOfConsole) ask("console_pad", 1);
+  },
+});
+
 sticks.left = stick("stick-left", driving);
 sticks.right = stick("stick-right", driving);
 for (const id of ["hold", "twist-left", "twist-right", "feed-in", "feed-out"]) holdButton(id, driving);
@@ -125,6 +170,12 @@ listenToKeys(driving, {
     if (facts && index < facts.sections.length) ask("section", index);
   },
   next: (what) => modes.next(what),
+  tip: () => byId("tip-toggle").click(),
+  note: () => {
+    byId("tab-events").click();
+    byId("note").focus();
+  },
+  acknowledge: () => alarms.acknowledge(),
   speed: (step) => {
     if (!facts || !state) return;
     const index = Math.min(facts.speed_levels.length - 1, Math.max(0, state.speed + step));
@@ -174,8 +225,11 @@ function draw() {
   setText(byId("cause"), causeOf(phase, state));
   showNotice(phase);
   showButtons(phase);
-  setText(byId("page-link"), link.connected ? `${figure(link.roundTrip)} ms` : "cut off");
+  showQuality();
   if (!state || !facts) return;
+  document.body.classList.toggle("drives-not", !authority.show(state, facts, link.page, link.connected));
+  alarms.snapshot(state);
+  plot.snapshot(state);
   showWho(phase);
   press("sections", state.section);
   press("speeds", state.speed);
@@ -183,7 +237,16 @@ function draw() {
   instruments.snapshot(state);
   lock.snapshot(state, phase);
   tables.snapshot(state);
-  pad.show(state.pad, driving.reading(), state.hints?.pad);
+  pad.show(state.pad, driving.reading(), chosenPad.id, state.hints?.[chosenPad.id ? link.page : "pad"]);
+}
+
+function showQuality() {
+  setText(byId("page-link"), link.connected ? link.quality.text() : "cut off");
+  const [level, words] = link.connected ? link.quality.verdict() : ["", ""];
+  byId("page-link").dataset.level = level;
+  byId("page-link").title = `Round trip and its change; ${link.quality.lost} answers late or lost`;
+  byId("slow").hidden = !words;
+  setText(byId("slow"), words);
 }
 
 function showWho(phase) {
@@ -211,8 +274,9 @@ function showButtons(phase) {
   setText(byId("reasons-title"), reasonsTitle(phase, reasons));
   setList(byId("reasons"), reasons);
   setList(byId("latest"), reasons.length || !state ? [] : state.events.slice(0, 3).map((event) => [event.level, event.text]));
-  const off = !link.connected;
+  const off = !link.connected || facts?.role === "viewer";
   for (const button of document.querySelectorAll(".dock button")) button.disabled = off;
+  byId("quit").hidden = facts?.role !== "admin";
   byId("quit").disabled = off;
   document.querySelector(".dock").classList.toggle("off", off);
   const drives = phase === "driving" && state.driver === link.page;

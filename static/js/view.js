@@ -12,14 +12,16 @@ const ANSWER_MS = 2000;
  */
 export function showView(ticketPath, on) {
   const frame = byId("viewer");
+  const tip = byId("tip-view");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
   const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
   const path = `viewer/${query}`;
   const other = OTHER_NAME[location.hostname];
   let here = false;
+  let place = "";
 
   window.addEventListener("message", (event) => {
-    if (event.source !== frame.contentWindow) return;
+    if (event.source !== frame.contentWindow && event.source !== tip.contentWindow) return;
     if (event.data?.viewer === "here") here = true;
     if (event.data?.viewer === "stop") on.stop();
     if (event.data?.viewer === "up") on.pointerUp();
@@ -36,7 +38,18 @@ export function showView(ticketPath, on) {
     frame.addEventListener("load", fallBack, { once: true });
   }
   keepTheMouse(frame);
-  frame.src = other ? `${location.protocol}//${other}:${location.port}${PLACE}${ticketPath}${query}` : path;
+  keepTheMouse(tip);
+  place = other ? `${location.protocol}//${other}:${location.port}${PLACE}${ticketPath}` : "viewer/";
+  frame.src = `${place}${query}`;
+  const showTip = (yes) => {
+    byId("tip-toggle").setAttribute("aria-pressed", yes);
+    frame.parentElement.classList.toggle("with-tip", yes);
+    tip.hidden = !yes;
+    tip.src = yes ? `${place}tip/${query}` : "about:blank";
+  };
+  byId("tip-toggle").addEventListener("click", () => showTip(tip.hidden));
+  // A second scene drawn in software would starve the rest of the page; there it is shown when asked for.
+  showTip(innerWidth > 760 && !drawnInSoftware());
 }
 
 /**
@@ -53,4 +66,12 @@ function keepTheMouse(frame) {
   frame.parentElement.addEventListener("pointerdown", (event) => {
     if (event.pointerType !== "mouse") away(false); // fingers stay with the frame they began in
   });
+}
+
+function drawnInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const renderer = gl ? String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER)) : "none";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /none|swiftshader|llvmpipe|software|basic render/i.test(renderer);
 }

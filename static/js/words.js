@@ -57,4 +57,6 @@ export const REQUESTS = {
   lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
   mode: "Mode", frame: "View", pose: "Pose",
   save_pose: "Save", delete_pose: "Delete", hand_feed: "Length",
+  acquire: "Taking the controls", release: "Letting go", take: "Taking over", ask: "Asking", withdraw: "Withdrawing",
+  grant: "Giving the controls", refuse: "Refusing", console_pad: "The console's pad", mark: "The note",
 };
