@@ -18,24 +18,25 @@ export class Authority {
   /** @returns whether this page may drive now, as far as authority goes */
   show(state, facts, page, connected) {
     const { lease, seat } = state;
+    const asking = lease.asking ?? [];
     const mine = seat.shared ? lease.holder === facts.user || !lease.holder : seat.page === page;
     const driver = facts.role !== "viewer";
-    setText(byId("holder"), holderText(state, mine, facts));
-    setText(byId("people"), peopleText(state.people));
+    setText(byId("holder"), mine && asking.length ? `${asking[0]} asks for the controls` : holderText(state, mine, facts));
+    byId("holder").title = peopleText(state.people);
     const rows = [];
     if (connected && driver && !(seat.shared && mine)) {
       if (mine) {
-        for (const name of lease.asking) {
-          rows.push([`${name} asks for the controls`, `Give to ${name}`, "grant", name], ["", "Not now", "refuse", name]);
+        for (const name of asking.slice(0, 1)) {
+          rows.push([`Give to ${name}`, "grant", name], ["Not now", "refuse", name]);
         }
-        rows.push(["", "Let go", "release", ""]);
+        rows.push(["Let go", "release", ""]);
       } else if (lease.holder && lease.fresh) {
-        const asked = lease.asking.includes(facts.user);
-        rows.push(asked ? ["You asked for the controls", "Withdraw", "withdraw", ""] : ["", "Ask for the controls", "ask", ""]);
-        if (lease.holder === facts.user) rows.push(["", "Take them to this page", "acquire", ""]);
-        if (facts.role === "admin") rows.push(["", "Take over …", "take", ""]);
+        const asked = asking.includes(facts.user);
+        rows.push(asked ? ["Withdraw", "withdraw", ""] : ["Ask for them", "ask", ""]);
+        if (lease.holder === facts.user) rows.push(["Take here", "acquire", ""]);
+        if (facts.role === "admin") rows.push(["Take over …", "take", ""]);
       } else {
-        rows.push(["", "Take the controls", "acquire", ""]);
+        rows.push(["Take the controls", "acquire", ""]);
       }
     }
     this.#showRows(rows);
@@ -46,7 +47,7 @@ export class Authority {
     const key = JSON.stringify(rows);
     if (key === this.shown) return;
     this.shown = key;
-    byId("authority").replaceChildren(...rows.flatMap(([text, label, what, name]) => {
+    byId("authority").replaceChildren(...rows.map(([label, what, name]) => {
       const button = make("button", what === "acquire" || what === "grant" ? "primary" : "", label);
       button.type = "button";
       button.dataset.testid = `controls-${what}`;
@@ -54,7 +55,7 @@ export class Authority {
         if (what === "take") byId("take-dialog").showModal();
         else this.ask(what, null, name);
       });
-      return text ? [make("span", "", text), button] : [button];
+      return button;
     }));
   }
 }

@@ -251,6 +251,7 @@ function showQuality() {
 
 function showWho(phase) {
   setText(byId("driver"), state.lease.holder || "nobody");
+  byId("sign-out").hidden = state.seat.shared; // nobody signed in here
   byId("driver").title = state.lease.holder;
   const input = { "": "none", [link.page]: "this page" }[state.driver] ?? state.driver;
   setText(byId("input"), input);
