@@ -120,7 +120,7 @@ class SimulatedWalls:
         if touch is not None and near:
             self._label.position = np.array(touch.clearance_points[1])
             text = f"simulated: {1e3 * max(touch.clearance_m, 0.0):.1f} mm to the wall"
-            if pressed_N >= 0.01:
+            if pressed_N >= 0.05:
                 text = f"simulated: the walls press with {pressed_N:.1f} N"
             if text != self._label.text:
                 self._label.text = text
