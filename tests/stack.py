@@ -243,6 +243,16 @@ class Page:
         with self._lock:
             self._controls = {**_REST, **controls, "held": True}
 
+    def move(self, **controls: Any) -> float:
+        """As `hold`, and sent at once, as a browser does on a change; gives the monotonic time just before."""
+        self.hold(**controls)
+        with self._lock:
+            self._sequence += 1
+            now = time.monotonic()
+            echo = self.snapshot.get("stamp", 0.0)
+            self._send({"type": "controls", "seq": self._sequence, "stamp": now * 1e3, "echo": echo, **self._controls})
+        return now
+
     def release(self) -> None:
         with self._lock:
             self._controls = {**_REST, "held": False}
