@@ -1,8 +1,11 @@
 """Every frame of the motor buses into a file, written by a side thread: the control loop only appends to a bounded queue.
 
+A file that has grown to `MAX_BYTES` is put aside with the time in its name, and a new one begun; the newest `KEPT` stay.
+
 candump's text format (`.log`, for can-utils and grep) or Vector's binary one (`.blf`), whichever the file's name says.
 """
 
+import glob
 import logging
 import threading
 import time
@@ -20,6 +23,10 @@ FORMATS: Final = {".log": can.CanutilsLogWriter, ".blf": can.BLFWriter}
 CAPACITY: Final = 100_000
 """Frames that may wait for the disk: over 30 s of a full bus of 14 drives at 100 Hz."""
 WRITE_PERIOD_S: Final = 0.05
+MAX_BYTES: Final = 200_000_000
+"""About half an hour of 14 drives at 100 Hz in candump's format."""
+KEPT: Final = 10
+"""Files put aside; older ones are deleted."""
 
 _log = logging.getLogger(__name__)
 
@@ -38,8 +45,10 @@ class _Frame(NamedTuple):
 class RawLog:
     """`with RawLog(path) as log`; `log.recorder(channel)` is what a bus calls with each frame."""
 
-    def __init__(self, path: Path, capacity: int = CAPACITY) -> None:
+    def __init__(self, path: Path, capacity: int = CAPACITY, max_bytes: int = MAX_BYTES, kept: int = KEPT) -> None:
         self.path = path
+        self._max_bytes = max_bytes
+        self._kept = kept
         self.written = 0
         self.dropped = 0
         """Frames that were not written: the queue was full, or the disk failed."""
@@ -102,25 +111,39 @@ class RawLog:
         return record
 
     def _run(self, writer: can.CanutilsLogWriter | can.BLFWriter) -> None:
-        text = isinstance(writer, can.CanutilsLogWriter)
         try:
-            with writer:
-                last = False
-                while not last:
-                    # What is appended before the flag is seen is still written.
-                    last = self._stopped.wait(WRITE_PERIOD_S)
-                    while self._waiting:
-                        frame = self._waiting.popleft()
-                        writer.on_message_received(
-                            _message(frame, self._names[frame.channel] if text else frame.channel)
-                        )
-                        self.written += 1
-                    writer.file.flush()
+            last = False
+            while not last:
+                # What is appended before the flag is seen is still written.
+                last = self._stopped.wait(WRITE_PERIOD_S)
+                self._write_waiting(writer)
+                if writer.file_size() > self._max_bytes and not last:
+                    writer.stop()
+                    self._put_aside()
+                    writer = FORMATS[self.path.suffix](self.path)
+            writer.stop()
         except OSError as error:
             _log.error("%s: the CAN log ends here: %s", self.path, error)
             self._capacity = 0
             self.dropped += len(self._waiting)
             self._waiting.clear()
+
+    def _write_waiting(self, writer: can.CanutilsLogWriter | can.BLFWriter) -> None:
+        text = isinstance(writer, can.CanutilsLogWriter)
+        while self._waiting:
+            frame = self._waiting.popleft()
+            writer.on_message_received(_message(frame, self._names[frame.channel] if text else frame.channel))
+            self.written += 1
+        writer.file.flush()
+
+    def _put_aside(self) -> None:
+        stem, suffix = self.path.stem, self.path.suffix
+        stamp, number = time.strftime("%Y%m%d-%H%M%S"), 0
+        while (aside := self.path.with_name(f"{stem}-{stamp}-{number:02d}{suffix}")).exists():
+            number += 1
+        self.path.rename(aside)
+        for old in sorted(self.path.parent.glob(f"{glob.escape(stem)}-*-*-??{suffix}"))[: -self._kept]:
+            old.unlink()
 
 
 def _message(frame: _Frame, channel: str | int) -> can.Message:

@@ -23,6 +23,10 @@ Request = Literal[
     "multi_turn_angle",
     "single_turn_angle",
     "position",
+    "position_full_speed",  # at the drive's own limit
+    "single_turn_position",
+    "single_turn_position_full_speed",
+    "increment",  # from where it is
     "speed",
     "torque",
     "stop",  # hold with torque, keep the mode
@@ -31,6 +35,9 @@ Request = Literal[
     "read_gains",
     "write_gains",  # until power-off
     "write_gains_rom",
+    "read_gain",  # one gain as a float, documents V4.2 on
+    "write_gain",
+    "write_gain_rom",
     "read_acceleration",
     "write_acceleration",
     "read_encoder",
@@ -38,14 +45,25 @@ Request = Literal[
     "zero_encoder",  # writes flash, which wears; effective after a restart
     "restart",
     "watchdog",
+    "mode",
+    "power",
+    "release_brake",
+    "lock_brake",
+    "uptime",
+    "version",  # of the firmware, as a date
+    "model",
 ]
 
+WEARS_FLASH: frozenset[Request] = frozenset(
+    {"zero_encoder", "write_encoder_offset", "write_gains_rom", "write_gain_rom"}
+)
+"""Nothing sends these by itself: who wants them says so (`rmd_channel.outgoing`)."""
 REQUEST_ID = 0x140
 MAX_ADDRESS = 32
 WATCHDOG_ALARM = 0xF1
 """Sent unasked about once a second by a v3 drive whose watchdog has cut its output."""
 
-_FIELD = re.compile(r"(\w+) ([iu])(8|16|32|56)@(\d)(?: /(\d+))?")
+_FIELD = re.compile(r"(\w+) ([iuf])(8|16|32|56)@(\d)(?: /(\d+))?")
 _CODES = {"8": "b", "16": "h", "32": "i", "56": "7s"}
 
 
@@ -55,24 +73,28 @@ class Layout:
     def __init__(self, fields: str) -> None:
         self.names: tuple[str, ...] = ()
         self._per_unit: tuple[int, ...] = ()
-        self._wide = False
+        self._wide = self._real = False
         pattern, position = "<B", 1
         for name, sign, bits, offset, per_unit in _FIELD.findall(fields):
             pattern += "x" * (int(offset) - position)
-            pattern += _CODES[bits] if sign == "i" else _CODES[bits].upper()
+            pattern += "f" if sign == "f" else _CODES[bits] if sign == "i" or bits == "56" else _CODES[bits].upper()
             position = int(offset) + int(bits) // 8
             self.names += (name,)
             self._per_unit += (int(per_unit or 1),)
             self._wide |= bits == "56"
+            self._real |= sign == "f"
         self.struct = struct.Struct(pattern + "x" * (8 - position))
         """Command and raw counts, for those who must be fast."""
 
     def pack(self, command: int, values: dict[str, float]) -> bytes:
         """Raises ValueError if a value does not fit into its field."""
         try:
-            counts = [round(values[name] * k) for name, k in zip(self.names, self._per_unit, strict=True)]
+            counts: list[float] = [values[name] * k for name, k in zip(self.names, self._per_unit, strict=True)]
+            if self._real:
+                return self.struct.pack(command, int(counts[0]), counts[1])
+            counts = [round(count) for count in counts]
             if self._wide:
-                return self.struct.pack(command, counts[0].to_bytes(7, "little", signed=True))
+                return self.struct.pack(command, int(counts[0]).to_bytes(7, "little", signed=True))
             return self.struct.pack(command, *counts)
         except (struct.error, OverflowError, ValueError) as error:
             raise ValueError(f"command 0x{command:02X} with {values}: does not fit the frame ({error})") from None
@@ -112,7 +134,8 @@ class Dialect:
         self.faults = faults
         """Bit of `flags` → in words."""
         self.entries = {name: Entry(command, Layout(q), Layout(a)) for name, (command, q, a) in table.items()}
-        self.requests: dict[int, Request] = {entry.command: name for name, entry in self.entries.items()}
+        # Gains are bytes or, from V4.2 on, one float under the same command: a drive of ours speaks the former.
+        self.requests: dict[int, Request] = {entry.command: name for name, entry in reversed(self.entries.items())}
 
     def entry(self, request: Request) -> Entry:
         """Raises ValueError if the dialect has no such request."""
@@ -125,6 +148,7 @@ _STATUS_V1 = "temperature_C i8@1, voltage_V u16@3 /10, flags u8@7"
 _MOTION_V1 = "temperature_C i8@1, current i16@2, speed_dps i16@4, encoder u16@6"
 _GAINS_V1 = "position_kp u8@2, position_ki u8@3, speed_kp u8@4, speed_ki u8@5, current_kp u8@6, current_ki u8@7"
 _POSITION = "speed_dps u16@2, angle_deg i32@4 /100"
+_TURN = "direction u8@1, speed_dps u16@2, angle_deg u16@4 /100"
 _PHASES_V1 = "phase_a_A i16@2 /64, phase_b_A i16@4 /64, phase_c_A i16@6 /64"
 
 RMD_V1 = Dialect(
@@ -140,6 +164,9 @@ RMD_V1 = Dialect(
         "multi_turn_angle": (0x92, "", "angle_deg i56@1 /100"),
         "single_turn_angle": (0x94, "", "angle_deg u16@6 /100"),
         "position": (0xA4, _POSITION, _MOTION_V1),
+        "position_full_speed": (0xA3, "angle_deg i32@4 /100", _MOTION_V1),
+        "single_turn_position": (0xA6, _TURN, _MOTION_V1),
+        "single_turn_position_full_speed": (0xA5, "direction u8@1, angle_deg u16@4 /100", _MOTION_V1),
         "speed": (0xA2, "speed_dps i32@4 /100", _MOTION_V1),
         "torque": (0xA1, "current i16@4", _MOTION_V1),
         "stop": (0x81, "", ""),
@@ -158,6 +185,8 @@ RMD_V1 = Dialect(
 
 _MOTION_V3 = "temperature_C i8@1, current i16@2, speed_dps i16@4, angle_deg i16@6"
 _GAINS_V3 = "current_kp u8@2, current_ki u8@3, speed_kp u8@4, speed_ki u8@5, position_kp u8@6, position_ki u8@7"
+_GAIN = "index u8@1, gain f32@4"
+_TURN_REPLY_V3 = "temperature_C i8@1, current i16@2, speed_dps i16@4, encoder u16@6"
 _ACCELERATION_V3 = "index u8@1, acceleration_dps2 u32@4"
 _PHASES_V3 = "phase_a_A i16@2 /100, phase_b_A i16@4 /100, phase_c_A i16@6 /100"
 
@@ -183,6 +212,8 @@ RMD_V3 = Dialect(
         "multi_turn_angle": (0x92, "", "angle_deg i32@4 /100"),
         "single_turn_angle": (0x94, "", "angle_deg i16@6 /100"),
         "position": (0xA4, _POSITION, _MOTION_V3),
+        "single_turn_position": (0xA6, _TURN, _TURN_REPLY_V3),
+        "increment": (0xA8, _POSITION, _MOTION_V3),
         "speed": (0xA2, "speed_dps i32@4 /100", _MOTION_V3),
         "torque": (0xA1, "current i16@4", _MOTION_V3),
         "stop": (0x81, "", ""),
@@ -197,6 +228,16 @@ RMD_V3 = Dialect(
         "zero_encoder": (0x64, "", "offset i32@4"),
         "restart": (0x76, "", ""),
         "watchdog": (0xB3, "timeout_ms u32@4", "timeout_ms u32@4"),
+        "read_gain": (0x30, "index u8@1", _GAIN),
+        "write_gain": (0x31, _GAIN, _GAIN),
+        "write_gain_rom": (0x32, _GAIN, _GAIN),
+        "mode": (0x70, "", "mode u8@7"),
+        "power": (0x71, "", "power_W u16@6 /10"),
+        "release_brake": (0x77, "", ""),
+        "lock_brake": (0x78, "", ""),
+        "uptime": (0xB1, "", "milliseconds u32@4"),
+        "version": (0xB2, "", "date u32@4"),
+        "model": (0xB5, "", "text u56@1"),
     },
 )
 
@@ -241,6 +282,12 @@ def decode_request(dialect: Dialect, data: bytes | bytearray) -> tuple[Request, 
         raise ValueError(f"{bytes(data).hex(' ')!r} is no request of {dialect.name}")
     request = dialect.requests[data[0]]
     return request, dialect.entries[request].request.unpack(data)
+
+
+def model_text(values: dict[str, float]) -> str:
+    """The reply to `model` as text: at most seven characters of ASCII."""
+    raw = int(values["text"]).to_bytes(7, "little", signed=True)
+    return raw.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def fault_words(dialect: Dialect, flags: int) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import can
 from cobra.clock import Clock
 from cobra.description import Bus
 from cobra.motors.channel import MAX_STALE_FRAMES, Channel
-from cobra.motors.rmd import DIALECTS, MAX_ADDRESS, REQUEST_ID, Dialect, Request, encode
+from cobra.motors.rmd import DIALECTS, MAX_ADDRESS, REQUEST_ID, WEARS_FLASH, Dialect, Request, encode
 
 _REPLY_IDS = frozenset(d.reply_id + address for d in DIALECTS.values() for address in range(1, MAX_ADDRESS + 1))
 
@@ -38,8 +38,16 @@ class _Burst:
     deadline_s: float = 0.0
 
 
-def outgoing(dialect: Dialect, address: int, request: Request, **values: float) -> Outgoing:
-    """Build a request once. Raises ValueError if a value does not fit."""
+def outgoing(
+    dialect: Dialect, address: int, request: Request, values: dict[str, float], *, may_wear_flash: bool = False
+) -> Outgoing:
+    """Build a request once.
+
+    Raises:
+        ValueError: a value does not fit; or the request writes flash, which wears, and that was not asked for.
+    """
+    if request in WEARS_FLASH and not may_wear_flash:
+        raise ValueError(f"{request} writes the drive's flash, which wears: pass may_wear_flash=True to mean it")
     data = encode(dialect, request, **values)
     message = can.Message(arbitration_id=REQUEST_ID + address, is_extended_id=False, is_rx=False, data=data)
     return Outgoing(reply_key(dialect, address, data[0]), message)

@@ -39,7 +39,7 @@ class RmdLink:
         """What a drive must be enabled again for: alarms, jumps of its angle."""
 
     def request(self, request: Request, **values: float) -> Outgoing:
-        return outgoing(self.dialect, self.address, request, **values)
+        return outgoing(self.dialect, self.address, request, values)
 
     def unambiguous(self, wanted: Outgoing) -> Outgoing:
         """The wanted request, or a read in its place while a late reply could be taken for its own.

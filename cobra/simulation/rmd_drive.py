@@ -14,6 +14,9 @@ from cobra.simulation.servos import Command, Servos, State
 ALARM_PERIOD_S = 1.0
 POWER_UP_TURNS = 3.0
 """A drive wakes up anywhere within so many turns of its shaft around zero."""
+FIRMWARE_DATE = 20220206
+MODEL = b"SIM-RMD"
+MODES = {"off": 0, "torque": 1, "speed": 2, "position": 3}
 SHIPPED_PLANNING_DPS2 = 10000
 """Acceleration of the trapezoid that a v3 drive plans for each setpoint until it is set to 0."""
 
@@ -42,7 +45,7 @@ class RmdDrive:
         }  # fmt: skip
         self._planning = {0: SHIPPED_PLANNING_DPS2, 1: SHIPPED_PLANNING_DPS2} if self._output else {0: 0}
         self._watchdog_s = 0.0
-        self._heard_s = clock.now()
+        self._heard_s = self._booted_s = clock.now()
         self._tripped = False
         self._alarmed_s = -math.inf
         self._before_stop = Command("off")
@@ -69,6 +72,19 @@ class RmdDrive:
             "zero_encoder": lambda _: {"offset": self._encoder_zero},
             "restart": self._off,
             "watchdog": self._watchdog,
+            "position_full_speed": lambda values: self._position({**values, "speed_dps": 65535}),
+            "single_turn_position": self._single_turn,
+            "single_turn_position_full_speed": lambda values: self._single_turn({**values, "speed_dps": 65535}),
+            "increment": lambda values: self._position(
+                {**values, "angle_deg": self._shaft_deg() + values["angle_deg"]}
+            ),
+            "mode": lambda _: {"mode": MODES[self._servos.commands[self._index].mode]},
+            "power": lambda _: {"power_W": abs(self._state.current_A) * self._state.voltage_V},
+            "release_brake": lambda _: {},
+            "lock_brake": lambda _: {},
+            "uptime": lambda _: {"milliseconds": int(1000 * (self._clock.now() - self._booted_s)) % 2**32},
+            "version": lambda _: {"date": FIRMWARE_DATE},
+            "model": lambda _: {"text": int.from_bytes(MODEL, "little")},
         }
 
     @property
@@ -185,6 +201,14 @@ class RmdDrive:
             speed = math.inf
         self._order(Command("position", self._output_rad(values["angle_deg"]), speed, self._planned()))
         return self._motion(values)
+
+    def _single_turn(self, values: Values) -> Values:
+        """To an angle within the turn, the way round that is asked for (0: clockwise, towards larger angles)."""
+        here = self._shaft_deg()
+        ahead = (values["angle_deg"] - here) % 360.0
+        way = ahead if values["direction"] == 0 else ahead - 360.0
+        reply = self._position({"angle_deg": here + way, "speed_dps": values["speed_dps"]})
+        return {**reply, "encoder": self._encoder()}
 
     def _speed(self, values: Values) -> Values:
         self._order(Command("speed", math.radians(values["speed_dps"]) / self._ratio))

@@ -154,8 +154,8 @@ class World:
                 self.advance_to(self.clock.now())
         except Exception as error:
             # Kept for every sender and receiver, who report it as a dead adapter.
-            self.failure = error
             _log.exception("the simulated world stopped")
+            self.failure = error
 
 
 def _start_travel(description: RobotDescription, index: int, rng: np.random.Generator) -> float:

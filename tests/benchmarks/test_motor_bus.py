@@ -102,7 +102,9 @@ def test_a_burst_against_one_drive_after_the_other(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     d = cobra()
-    requests = [outgoing(RMD_V1, address, "position", speed_dps=4125, angle_deg=1.0) for address in range(1, 15)]
+    requests = [
+        outgoing(RMD_V1, address, "position", {"speed_dps": 4125, "angle_deg": 1.0}) for address in range(1, 15)
+    ]
     monkeypatch.setattr("can.Bus", lambda **_: LatentDrives())
     channel = RmdChannel(d.buses[0], SystemClock(), {}, Counter())
     channel.open()

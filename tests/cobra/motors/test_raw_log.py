@@ -1,5 +1,7 @@
 """The log of every frame: read back by python-can's own readers."""
 
+import random
+import time
 from pathlib import Path
 
 import can
@@ -79,3 +81,29 @@ def test_a_full_disk_ends_the_log_and_not_the_robot(tmp_path: Path) -> None:
 def test_a_log_that_cannot_be_is_one_clear_line(tmp_path: Path, name: str, words: str) -> None:
     with pytest.raises(BusError, match=words):
         RawLog(tmp_path / name).start()
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf"])
+def test_a_file_that_has_grown_is_put_aside_no_frame_is_lost_and_the_oldest_go(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"can{suffix}"
+    (tmp_path / f"can-yesterday{suffix}").write_text("not ours")
+    frame = can.Message(arbitration_id=0x141, is_extended_id=False, data=b"12345678")
+    with RawLog(path, max_bytes=2000, kept=3) as log:
+        record = log.recorder("main")
+        for k in range(8):
+            frame.data[:] = random.Random(k).randbytes(8)
+            for _ in range(400):
+                record(frame, True)
+            wanted = (k + 1) * 400
+            deadline = time.monotonic() + 20.0
+            while log.written < wanted and time.monotonic() < deadline:
+                time.sleep(0.01)
+        assert log.written == 3200
+    aside = sorted(tmp_path.glob(f"can-*-*-??{suffix}"))
+    assert len(aside) == 3
+    assert (tmp_path / f"can-yesterday{suffix}").exists()
+    kept = [*aside, path]
+    frames = [bytes(frame.data) for each in kept for frame in can.LogReader(each)]
+    last = random.Random(7).randbytes(8)
+    assert frames.count(last) == 400
+    assert len(frames) % 400 == 0

@@ -17,7 +17,9 @@ from cobra.motors.rmd import (
     encode,
     encode_reply,
     fault_words,
+    model_text,
 )
+from cobra.motors.rmd_channel import outgoing
 
 REQUESTS = [
     (RMD_V3, "position", {"speed_dps": 500, "angle_deg": 360.0}, "A4 00 F4 01 A0 8C 00 00"),
@@ -41,6 +43,14 @@ REQUESTS = [
     (RMD_V1, "off", {}, "80 00 00 00 00 00 00 00"),
     (RMD_V1, "stop", {}, "81 00 00 00 00 00 00 00"),
     (RMD_V1, "run", {}, "88 00 00 00 00 00 00 00"),
+    (RMD_V1, "position_full_speed", {"angle_deg": 360.0}, "A3 00 00 00 A0 8C 00 00"),
+    (RMD_V1, "single_turn_position_full_speed", {"direction": 1, "angle_deg": 359.99}, "A5 01 00 00 9F 8C 00 00"),
+    (RMD_V1, "single_turn_position", {"direction": 0, "speed_dps": 500, "angle_deg": 90.0}, "A6 00 F4 01 28 23 00 00"),
+    (RMD_V3, "single_turn_position", {"direction": 1, "speed_dps": 500, "angle_deg": 90.0}, "A6 01 F4 01 28 23 00 00"),
+    (RMD_V3, "increment", {"speed_dps": 500, "angle_deg": -180.0}, "A8 00 F4 01 B0 B9 FF FF"),
+    (RMD_V3, "model", {}, "B5 00 00 00 00 00 00 00"),
+    (RMD_V3, "version", {}, "B2 00 00 00 00 00 00 00"),
+    (RMD_V3, "uptime", {}, "B1 00 00 00 00 00 00 00"),
 ]
 
 
@@ -48,6 +58,27 @@ REQUESTS = [
 def test_requests_have_the_vendors_bytes(dialect: Dialect, request_name: Request, values: dict, text: str) -> None:
     assert encode(dialect, request_name, **values) == bytes.fromhex(text)
     assert decode_request(dialect, bytes.fromhex(text)) == (request_name, values)
+
+
+def test_gains_are_single_bytes_or_one_float_by_index() -> None:
+    """V3.9: six bytes, current first. V4.2: an index and a float (0.25 is 3E800000)."""
+    assert encode(RMD_V3, "write_gain", index=7, gain=0.25) == bytes.fromhex("31 07 00 00 00 00 80 3E")
+    assert decode(RMD_V3, "read_gain", bytes.fromhex("30 04 00 00 00 00 80 3E")) == {"index": 4, "gain": 0.25}
+    assert decode(RMD_V3, "read_gains", bytes.fromhex("30 00 55 19 55 19 55 19"))["current_kp"] == 0x55
+    assert decode(RMD_V1, "read_gains", bytes.fromhex("30 00 55 19 56 19 57 19"))["position_kp"] == 0x55
+
+
+def test_the_model_is_text() -> None:
+    assert model_text(decode(RMD_V3, "model", bytes.fromhex("B5 58 38 53 32 56 31 30"))) == "X8S2V10"
+    assert decode(RMD_V3, "version", bytes.fromhex("B2 00 00 00 2E 89 34 01"))["date"] == 20220206
+
+
+@pytest.mark.parametrize("name", ["zero_encoder", "write_encoder_offset", "write_gains_rom"])
+def test_flash_is_never_written_silently(name: Request) -> None:
+    values = dict.fromkeys(RMD_V1.entries[name].request.names, 0.0)
+    with pytest.raises(ValueError, match="which wears: pass may_wear_flash=True to mean it"):
+        outgoing(RMD_V1, 1, name, values)
+    assert outgoing(RMD_V1, 1, name, values, may_wear_flash=True).message.data[0] == RMD_V1.entries[name].command
 
 
 REPLIES = [
