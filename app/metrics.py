@@ -120,6 +120,9 @@ def _robot(families: _Families, robot: str, state: RobotState, description: Robo
         counter("commands_dropped", "Commands that were not obeyed.", number, robot=robot, reason=reason)
     for reason, number in state.bus.items():
         counter("frames_unusable", "Frames on the motor bus that were not usable.", number, robot=robot, reason=reason)
+    for channel in state.channels:
+        gauge("bus_load_ratio", "Part of a CAN bus's bit rate in use.", channel.load, robot=robot, bus=channel.name)
+        gauge("bus_trouble", "1 while a CAN bus is in trouble.", bool(channel.trouble), robot=robot, bus=channel.name)
     if description is not None:
         _drives(families, robot, state, description)
 
@@ -135,4 +138,8 @@ def _drives(families: _Families, robot: str, state: RobotState, description: Rob
         families.gauge("drive_temperature_celsius", "Temperature of a drive.", drives.temperature[i], **labels)
         families.gauge("drive_voltage_volts", "Supply of a drive.", drives.voltage[i], **labels)
         families.gauge("drive_age_seconds", "Since a drive's last reply.", drives.age[i], **labels)
+        if drives.current:
+            families.gauge("drive_current_amperes", "Current of a drive's motor.", drives.current[i], **labels)
+            families.gauge("drive_missed_replies", "Replies missed in a row.", drives.missed[i], **labels)
+            families.gauge("drive_warning", "1 while a drive is near a limit.", bool(drives.warning[i]), **labels)
         families.gauge("drive_fault", "1 while a drive reports a fault.", bool(drives.fault[i]), **labels)

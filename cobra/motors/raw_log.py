@@ -49,6 +49,7 @@ class RawLog:
         self.path = path
         self._max_bytes = max_bytes
         self._kept = kept
+        self._aside = 0
         self.written = 0
         self.dropped = 0
         """Frames that were not written: the queue was full, or the disk failed."""
@@ -138,11 +139,10 @@ class RawLog:
 
     def _put_aside(self) -> None:
         stem, suffix = self.path.stem, self.path.suffix
-        stamp, number = time.strftime("%Y%m%d-%H%M%S"), 0
-        while (aside := self.path.with_name(f"{stem}-{stamp}-{number:02d}{suffix}")).exists():
-            number += 1
+        self._aside += 1
+        aside = self.path.with_name(f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}-{self._aside:04d}{suffix}")
         self.path.rename(aside)
-        for old in sorted(self.path.parent.glob(f"{glob.escape(stem)}-*-*-??{suffix}"))[: -self._kept]:
+        for old in sorted(self.path.parent.glob(f"{glob.escape(stem)}-*-*-????{suffix}"))[: -self._kept]:
             old.unlink()
 
 

@@ -99,7 +99,7 @@ def test_a_file_that_has_grown_is_put_aside_no_frame_is_lost_and_the_oldest_go(t
             while log.written < wanted and time.monotonic() < deadline:
                 time.sleep(0.01)
         assert log.written == 3200
-    aside = sorted(tmp_path.glob(f"can-*-*-??{suffix}"))
+    aside = sorted(tmp_path.glob(f"can-*-*-????{suffix}"))
     assert len(aside) == 3
     assert (tmp_path / f"can-yesterday{suffix}").exists()
     kept = [*aside, path]
