@@ -33,6 +33,12 @@ class ObedientBus:
 
     def hold(self) -> None: ...
 
+    def burst(self, angles: np.ndarray | None) -> None:
+        self._asked = angles
+
+    def collect(self) -> Feedback:
+        return self.exchange(self._asked)
+
     def exchange(self, angles: np.ndarray | None) -> Feedback:
         if angles is not None:
             self.angles = angles.copy()

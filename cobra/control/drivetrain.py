@@ -59,6 +59,21 @@ class Drivetrain:
         except BusError as error:
             self.gone = str(error)
 
+    def send(self, travel: Floats | None) -> None:
+        """The sending half of `exchange`."""
+        try:
+            self.bus.burst(None if travel is None else self.transmission.angle(travel))
+        except BusError as error:
+            self.gone = str(error)
+
+    def receive(self) -> None:
+        """The receiving half."""
+        try:
+            self.feedback = self.bus.collect()
+            self.gone = ""
+        except BusError as error:
+            self.gone = str(error)
+
     def switch_off(self, hold: bool) -> None:
         """The drives lose their torque, or with `hold` keep standing where they are."""
         try:

@@ -34,6 +34,7 @@ from cobra.control.witness import Witness
 from cobra.description import RobotDescription
 from cobra.messages import Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
+from cobra.motors.bus_load import busiest
 from cobra.motors.homing import Homing, HomingError
 
 Floats = NDArray[np.float64]
@@ -42,6 +43,10 @@ BIAS_RATE = 0.002
 """After arming with bent tendons, their difference to the model is taken up at this speed [m/s]."""
 
 PREPARING = "the modes of motion are being compiled: wait (seconds; the first time on a computer half a minute)"
+
+
+OVERLAP = 0.7
+"""Part of the period that the frames of a tick take on the busiest bus."""
 
 
 class RobotLoop:
@@ -92,6 +97,10 @@ class RobotLoop:
         self._abandoned: Literal["", "leave", "stay"] = ""
         self._drive: Drive | None = None
         self._setpoint: Floats | None = None
+        self._ready: Floats | None = None
+        # Where the bus needs most of the period, the next setpoint is computed while the frames are on the wire: a tick later,
+        # but the rate is the bus's.
+        self._overlapped = busiest(description) > OVERLAP
         self._bias = np.zeros(len(description.drives))
         self._malformed: Counter[str] = Counter()
         self._limited = ""
@@ -109,17 +118,25 @@ class RobotLoop:
             health = Health(blocking=(self.preparing, *health.blocking), faults=health.faults)
         self._take_requests(start, health)
         self._choose_mode()
+        waited_s = self.drivetrain.bus.waited_s
+        if self._overlapped:
+            # What was computed while the last tick's frames were on the bus; nothing, if it was taken back since.
+            self.drivetrain.send(self._setpoint if self._setpoint is None else self._ready)
         moving = self.supervisor.tick(start, self._drive, health)
         if self.supervisor.phase == "fault" and self._setpoint is not None:
             # Tendons that lost their pull would let the robot fall: the other drives keep standing.
             self._switch_off(hold=True)
-        waited_s = self.drivetrain.bus.waited_s
-        self.drivetrain.exchange(self._next_setpoint(moving))
-        self._watch_drives()
+        self._ready = self._next_setpoint(moving)
+        if not self._overlapped:
+            self.drivetrain.exchange(self._ready)
+            self._watch_drives()
         state = self._snapshot(start, health, self.drivetrain.bus.waited_s - waited_s)
         self._publish(state)
         self._witness.tell()
         self._tell_changes(state)
+        if self._overlapped:
+            self.drivetrain.receive()
+            self._watch_drives()
         self._tick += 1
         return state
 
@@ -131,7 +148,7 @@ class RobotLoop:
         self._abandoned = "leave" if leave else "stay"
 
     def run(self, until: threading.Event) -> None:
-        """Tick at the fixed rate until told to stop. Missed deadlines are skipped, not made up for."""
+        """Tick at the fixed rate until told to stop. A tick that is half a period late is not made up for."""
         self._timing.realtime = ask_for_realtime(LOOP_PRIORITY)
         gc.collect()
         gc.freeze()
@@ -140,7 +157,8 @@ class RobotLoop:
             self.tick()
             deadline += self.period_s
             now = self.clock.now()
-            deadline = max(deadline, now)
+            if now > deadline + 0.5 * self.period_s:
+                deadline = now
             self.clock.sleep_until(deadline)
 
     def warn(self, text: str) -> None:
@@ -279,7 +297,7 @@ class RobotLoop:
 
     def _switch_off(self, hold: bool = False) -> None:
         """No more setpoints; the drives lose their torque, or with `hold` keep standing where they are."""
-        self._setpoint = None
+        self._setpoint = self._ready = None
         self._homing = None
         self.drivetrain.switch_off(hold)
 

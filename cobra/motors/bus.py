@@ -107,6 +107,12 @@ class MotorBus(Protocol):
             BusError: the channel itself is gone.
         """
 
+    def burst(self, angles: Floats | None) -> None:
+        """The sending half of `exchange`, for who computes while the frames are on the wire."""
+
+    def collect(self) -> Feedback:
+        """The receiving half. Raises BusError: a channel is gone."""
+
     def __enter__(self) -> Self: ...
 
     def __exit__(

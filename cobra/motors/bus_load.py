@@ -81,6 +81,13 @@ def channel_load(description: RobotDescription, bus: Bus) -> ChannelLoad:
     return ChannelLoad(bus, rate, setpoint_bits, len(drives), poll_bits, angles, slow)
 
 
+def busiest(description: RobotDescription) -> float:
+    """Part of the loop's period that the setpoints and replies of a tick take on the bus with most of them."""
+    rate = description.teleop.loop_rate_Hz
+    loads = (channel_load(description, bus) for bus in description.buses)
+    return max(load.setpoint_bits / load.bus.bitrate * rate for load in loads)
+
+
 def whole_milliseconds(rate_Hz: float) -> int:
     """The loop's period as CiA 402 drives take it (60C2). Raises BusError if it is none."""
     period_ms = round(1000.0 / rate_Hz)

@@ -48,6 +48,7 @@ class JoinedBus:
         # Reading entry i of all channels one after the other gives the description's order.
         self._order = np.argsort(np.concatenate(self._scopes))
         self._stack = contextlib.ExitStack()
+        self._errors: list[BusError] = []
 
     @property
     def counts(self) -> dict[str, int]:
@@ -102,16 +103,24 @@ class JoinedBus:
 
     def exchange(self, angles: Floats | None) -> Feedback:
         """One exchange with all drives. Raises BusError if a channel is gone, after the others were served."""
-        errors: list[BusError] = []
+        self.burst(angles)
+        return self.collect()
+
+    def burst(self, angles: Floats | None) -> None:
+        """The sending half of an exchange; what is gone is raised by `collect`."""
+        self._errors = []
         for channel, scope in zip(self._channels, self._scopes, strict=True):
-            with _kept(errors):
+            with _kept(self._errors):
                 channel.burst(None if angles is None else angles[scope])
+
+    def collect(self) -> Feedback:
+        """The receiving half. Raises BusError if a channel is gone, after the others were served."""
         parts = []
         for channel in self._channels:
-            with _kept(errors):
+            with _kept(self._errors):
                 parts.append(channel.collect())
-        if errors:
-            raise errors[0]
+        if self._errors:
+            raise self._errors[0]
         return parts[0] if len(parts) == 1 else self._joined(parts)
 
     def __enter__(self) -> Self:
