@@ -48,7 +48,7 @@ export class Modes {
     press("modes", this.facts.modes.indexOf(mode));
     press("frames", this.facts.frames.indexOf(state.frame));
     if (this.shown !== mode.name) this.#show(mode);
-    if (mode.name === "section") setText(byId("stick-left-name"), this.facts.sections[state.section] ?? "section");
+    if (mode.name === "section" && mode.left) setText(byId("stick-left-name"), this.facts.sections[state.section] ?? "section");
     this.#say(mode, state);
     this.#showPath(state.motion.path);
     this.#showPoses(state.motion);
@@ -60,7 +60,7 @@ export class Modes {
     this.shown = mode.name;
     document.body.dataset.mode = mode.name;
     const section = mode.name === "section";
-    nameStick("left", section ? "Bend" : "", section ? "section" : mode.left);
+    nameStick("left", section && mode.left ? "Bend" : "", section ? "section" : mode.left, mode.left);
     nameStick("right", section && mode.right ? "Bend" : "", section ? this.facts.sections.at(-1) : mode.right, mode.right);
     byId("stick-left").classList.toggle("unused", !mode.left);
     byId("stick-right").classList.toggle("unused", !mode.right);
