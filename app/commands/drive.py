@@ -35,6 +35,10 @@ def drive(
     leave_robot: Annotated[
         bool, tyro.conf.arg(help="At the end leave the robot process running (it holds) for the next console.")
     ] = False,
+    drive_from: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="FILE", help="Drive the twin with a recording's sticks and compare; never a real robot."),
+    ] = None,
     record: RecordFolder = None,
     no_record: Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Record nothing.")] = False,
     record_budget: RecordBudget = 20.0,
@@ -45,6 +49,7 @@ def drive(
     ] = False,
 ) -> int:
     from app.console.console import Console, ConsoleOptions
+    from app.recording.catalogue import given
 
     return Console(
         ConsoleOptions(
@@ -62,6 +67,7 @@ def drive(
             frame_rate_Hz=frame_rate,
             can_log=can_log,
             leave_robot=leave_robot,
+            drive_from=given(drive_from) if drive_from else None,
             record=not no_record,
             record_folder=record,
             record_budget_GB=record_budget,

@@ -27,6 +27,7 @@ from app.console.pad_profile import PadProfiles
 from app.console.pad_routes import pad_routes
 from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
+from app.console.recordings_page import recordings_routes
 from app.console.robot_connection import RobotConnection
 from app.console.robot_keeper import RobotKeeper
 from app.console.seat import PAD, Seat
@@ -37,9 +38,11 @@ from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
 from app.people.users import Users
 from app.recording import storage
+from app.recording.drive_from import DriveFrom, refuse_real_buses
 from cobra.clock import SystemClock
 from cobra.description import RobotDescription
-from cobra.loading import load_description
+from cobra.loading import load_description, parse_description
+from cobra.messages import Meta, Request
 from cobra.simulation.options import AS_DESCRIBED, Simulation
 
 log = logging.getLogger("cobra.console")
@@ -69,6 +72,8 @@ class ConsoleOptions:
     record_folder: Path | None = None
     """None for the user's own."""
     record_budget_GB: float = 20.0
+    drive_from: Path | None = None
+    """A recording whose sticks drive the twin."""
     record_can: bool = False
     """Write the raw frames beside the recording."""
 
@@ -97,6 +102,8 @@ class Console:
         users, tls = Users(), load_tls(options.tls_cert, options.tls_key)
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         description = load_description(options.robot)
+        if options.drive_from:
+            refuse_real_buses(description)
         _refuse_a_second(description.name)
         logs.start(f"console-{description.name}")
         recording = _recording_path(options, description.name)
@@ -183,7 +190,10 @@ class Console:
             session,
             sessions=welcome.sessions,
             viewer_secret=viewer.secret,
-            more=pad_routes(pads, armed=lambda: _armed(robot)),
+            more=(
+                *pad_routes(pads, armed=lambda: _armed(robot)),
+                *recordings_routes((options.record_folder or storage.default_folder()).absolute()),
+            ),
             tls=welcome.tls,
             metrics=metrics,
             names=own_names(options.host, options.names),
@@ -196,6 +206,9 @@ class Console:
             if pad:
                 pilot.attach(PAD, pad)
                 pad.start()
+            if options.drive_from:
+                parts.insert(0, drive_from := _drive_from(options.drive_from, meta, pilot, driver, robot))
+                drive_from.start()
             _say(description, door.url, note, keeper.adopted, welcome.danger)
             if options.open_page and _has_screen():
                 threading.Thread(target=_open_browser, args=(door.url,), daemon=True).start()
@@ -220,6 +233,24 @@ def _armed(robot: RobotConnection) -> bool:
     """Whether the drives may be on, as far as is known."""
     state = robot.latest()
     return state is None or state.phase != "disarmed"
+
+
+def _drive_from(path: Path, meta: Meta, pilot: Pilot, driver: Driver, robot: RobotConnection) -> DriveFrom:
+    """What the robot process says of itself counts: it may have been there before us, with another description."""
+
+    def tell(text: str) -> None:
+        robot.warn(text)
+        print(text, flush=True)
+
+    return DriveFrom(
+        path,
+        parse_description(meta.description, "the running robot's description"),
+        pilot,
+        arm=lambda: driver.ask(Request(what="arm")),
+        latest=robot.latest,
+        wake=driver.wake,
+        tell=tell,
+    )
 
 
 class _Part(Protocol):

@@ -109,6 +109,7 @@ class RecorderProcess:
             section=wanted.selection.section,
             level=wanted.selection.level,
             mode=command.mode,
+            frame=wanted.selection.frame,
         )
         self._feed(FeedLine(input=reading))
 

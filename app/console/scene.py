@@ -6,6 +6,7 @@ message and client. Nothing here moves the robot.
 
 from collections import deque
 
+import msgspec
 import numpy as np
 import viser
 
@@ -16,7 +17,7 @@ from app.console.motion_view import PATH, TARGET, WORKSPACE
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import TWIST
-from cobra.messages import Rigidity, RobotState
+from cobra.messages import Drives, Rigidity, RobotState
 
 MESSAGES_PER_FRAME = 8
 TRAIL_S = 20.0
@@ -27,6 +28,9 @@ SLOW_EVERY = 3
 """Tension colours and trail take turns on every third frame."""
 
 Parts = dict[str, tuple[str, str]]
+LATER = frozenset(field.name for field in msgspec.structs.fields(Drives) if not field.required)
+"""Of a state's drives what older recordings do not have."""
+
 PARTS: Parts = {
     "ghost": ("/ghost", "commanded"),
     "tendons": ("/tendons", "tendons"),
@@ -134,8 +138,10 @@ class Scene:
     def _tensions(self, state: RobotState) -> Floats:
         count = len(self._description.drives)
         for name in state.drives.__struct_fields__:
-            if len(getattr(state.drives, name)) != count:
-                raise BadStateError(f"drives.{name}: {len(getattr(state.drives, name))} entries, {count} are needed")
+            entries = len(getattr(state.drives, name))
+            # A recording of an older version lacks what was added since.
+            if entries != count and (entries or name not in LATER):
+                raise BadStateError(f"drives.{name}: {entries} entries, {count} are needed")
         return np.array([state.drives.load[i] for i in self._description.tendon_drives], dtype=float)
 
     def _draw(self, pose: Pose, stamp: float) -> None:

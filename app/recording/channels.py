@@ -55,6 +55,8 @@ class Input(Message, frozen=True, kw_only=True):
     level: int = 0
     """Index of the chosen speed level."""
     mode: str = "section"
+    frame: str = ""
+    """In which view the sticks were meant."""
 
 
 class RecorderState(Message, frozen=True, kw_only=True):

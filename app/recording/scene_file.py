@@ -30,15 +30,20 @@ def write(recording: Recording, path: Path) -> Path:
         scene = Scene(server, recording.description)
         scene.start()
         serializer = server.get_scene_serializer()
+        drawn, undrawn = 0, "there is none"
         frames = round(recording.duration_s / step_s)
         for frame in range(frames + 1):
             state = recording.state_at(frame * step_s)
             if state is not None:
                 try:
                     scene.update(state)
-                except BadStateError:
-                    recording.unreadable += 1
+                except BadStateError as bad:
+                    undrawn = str(bad)
+                else:
+                    drawn += 1
             serializer.insert_sleep(step_s)
+        if not drawn:
+            raise RecordingError(f"{recording.path.name}: no state could be drawn: {undrawn}")
         path.write_text(serializer.as_html(dark_mode=True), encoding="utf-8")
     finally:
         with silent():

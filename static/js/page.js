@@ -16,6 +16,7 @@ import { PadSetup } from "./pad_setup.js";
 import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
 import { holdButton, stick } from "./touch.js";
+import { markers, showRecording } from "./recording.js";
 import { showView } from "./view.js";
 import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
 
@@ -237,6 +238,7 @@ function draw() {
   instruments.snapshot(state);
   lock.snapshot(state, phase);
   tables.snapshot(state);
+  showRecording(state.recording);
   pad.show(state.pad, driving.reading(), chosenPad.id, state.hints?.[chosenPad.id ? link.page : "pad"]);
 }
 
@@ -287,4 +289,5 @@ function showButtons(phase) {
   setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
+markers(ask);
 tabs();

@@ -1,0 +1,101 @@
+"""Claims about recorded sticks: they drive the twin the way they drove before, and never anything that is real."""
+
+import contextlib
+import re
+import time
+
+import msgspec
+import pytest
+
+from app.recording.catalogue import sessions
+from app.recording.container import RecordingError
+from app.recording.drive_from import compare, drives_of, refuse_real_buses
+from app.recording.reader import Recording
+from tests.recordings import COBRA, moving, write
+from tests.stack import Page, Stack, running, wait_for
+
+
+@pytest.mark.parametrize("interface", ["socketcan", "slcan", "virtual", "pcan"])
+def test_a_real_bus_is_refused_in_one_line(interface):
+    buses = (msgspec.structs.replace(COBRA.buses[0], interface=interface, channel="can0"),)
+    with pytest.raises(RecordingError, match=f"a real one .{interface} can0") as raised:
+        refuse_real_buses(msgspec.structs.replace(COBRA, buses=buses))
+    assert "\n" not in str(raised.value)
+    refuse_real_buses(COBRA)
+
+
+def test_one_real_bus_among_simulated_ones_is_enough():
+    real = msgspec.structs.replace(COBRA.buses[0], name="second", interface="socketcan")
+    with pytest.raises(RecordingError, match="'second'"):
+        refuse_real_buses(msgspec.structs.replace(COBRA, buses=(*COBRA.buses, real)))
+
+
+def test_the_presses_are_found_and_a_recording_in_which_nobody_drove_is_refused(tmp_path):
+    write(tmp_path / "a.mcap", 2.0)
+    with Recording(tmp_path / "a.mcap") as recording:
+        (drive,) = drives_of(recording)
+        assert len(drive.readings) == 100
+    write(tmp_path / "b.mcap", 0.0)
+    with Recording(tmp_path / "b.mcap") as recording, pytest.raises(RecordingError, match="nobody drove"):
+        drives_of(recording)
+
+
+def test_the_comparison_is_of_equal_times_of_driving_whatever_the_pauses():
+    recorded = [moving(i / 50) for i in range(100)]
+    later = [msgspec.structs.replace(state, stamp=state.stamp + 77.0) for state in recorded]
+    paused = [
+        msgspec.structs.replace(state, stamp=state.stamp + (5.0 if i >= 50 else 0.0)) for i, state in enumerate(later)
+    ]
+    assert compare(COBRA, recorded, later).largest_m == pytest.approx(0.0, abs=1e-9)
+    assert compare(COBRA, recorded, paused).largest_m < 0.01
+    ahead = [moving(i / 50 + 0.5, stamp=state.stamp) for i, state in enumerate(recorded)]
+    apart = compare(COBRA, recorded, ahead)
+    assert apart.largest_m > 0.02
+    assert apart.rms_m <= apart.largest_m
+    assert apart.way_m > 0.1
+
+
+def pressed(page: Page) -> bool:
+    """Press the dead-man as a person does: again, when a stall of the machine made the press void."""
+    page.release()
+    with contextlib.suppress(AssertionError):
+        wait_for("ready", lambda: page.snapshot["phase"] == "ready", 2.0)
+    time.sleep(0.2)
+    page.hold()
+    with contextlib.suppress(AssertionError):
+        page.until_phase("driving", 2.0)
+    return bool(page.snapshot["phase"] == "driving")
+
+
+def test_recorded_sticks_drive_the_twin_to_the_same_place(tmp_path):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    with running(tmp_path / "first") as stack, Page(stack.url) as page:
+        page.arm()
+        wait_for("the drive", lambda: pressed(page), 60.0)
+        page.hold(left=[0.8, 0.3], rt=0.7)
+        time.sleep(1.5)
+        page.release()
+        page.until_phase("ready")
+        assert page.snapshot["recording"]["problem"] == ""
+        wait_for("a marker", lambda: page.ask("mark")["ok"])
+        stack.end()
+    (session,) = sessions(tmp_path / "first" / "recordings")
+    assert session.status == "closed"
+    assert session.markers >= 1
+    path = tmp_path / "first" / "recordings" / session.name
+    with Recording(path) as recording:
+        assert "Marker" in next(event.text for _, event in recording.events() if event.level == "marker")
+        driven = [state for _, state in recording.states() if state.phase == "driving"]
+        assert recording.digest.missed == 0
+    with Stack(tmp_path / "second", "--drive-from", str(path), "--no-record") as stack:
+        stack.start()
+        words = wait_for("the comparison", lambda: re.search(r"drove .* way", stack.output.read_text()), 60.0).group(0)
+        assert stack.observer is not None
+        measured = stack.observer.state.measured
+        stack.end()
+    apart_mm = float(re.search(r"at the end ([\d.]+) mm", words).group(1))
+    way_m = float(re.search(r"way of ([\d.]+) m", words).group(1))
+    assert way_m > 0.02, words
+    assert apart_mm < 0.1 * 1e3 * way_m, words
+    assert measured[1] > driven[0].measured[1] + 0.003, "it was fed in"
