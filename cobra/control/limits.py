@@ -54,7 +54,7 @@ class DriveLimits:
             name = self._names[tightening[0]]
             return Allowed(0.0, f"tendon {name} is above {self._max_tension:.0f} N: drive the other way to relieve it")
         scale, reason = 1.0, ""
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             room = np.where(step > 0, self._high - travel, travel - self._low)
             fraction = np.where(np.abs(step) > 1e-12, np.maximum(room, 0.0) / np.abs(step), np.inf)
             pace = np.where(np.abs(step) > 1e-12, self._speed * dt_s / np.abs(step), np.inf)
