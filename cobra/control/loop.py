@@ -87,7 +87,7 @@ class RobotLoop:
         self._announce = announce
         self.drivetrain = Drivetrain(description, bus)
         self.tendons = TendonControl(self.drivetrain)
-        self.requests.acts.update(compensation=self._compensate)
+        self.requests.acts.update(compensation=self._compensate, pretension=self._tighten)
         self._limits = DriveLimits(description)
         self._watch = DriveWatch(description)
         self._watched: Watched | None = None
@@ -386,6 +386,13 @@ class RobotLoop:
         if self._setpoint is not None and self.supervisor.phase != "homing":
             self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
         return Reply(ok=True)
+
+    def _tighten(self, request: Request, now_s: float, health: Health) -> Reply:
+        """Bring the tendons to a mean tension of `value` [N]."""
+        if self.supervisor.phase != "ready":
+            return Reply(ok=False, reasons=("arm and home it first, and let go of the drive button",))
+        refused = self.tendons.tighten(request.value)
+        return Reply(ok=not refused, reasons=(refused,) if refused else ())
 
     # ------------------------------------------------------------------ what it tells
 

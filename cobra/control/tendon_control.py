@@ -19,6 +19,10 @@ from cobra.messages import CompensationState, Tendons
 MOVING_RAD_S = 1e-3
 """Slower bends are at rest."""
 
+LEVEL_M_S = 0.001
+"""At which all tendons are wound in or out to another pretension."""
+LEVEL_REACHED_M = 2e-5
+
 
 class TendonControl:
     """`observe` what the drives say, then ask for their `travel`. `homed` tells where the tendons' zero is."""
@@ -26,6 +30,9 @@ class TendonControl:
     def __init__(self, drivetrain: Drivetrain) -> None:
         self.description: RobotDescription = drivetrain.description
         self._drivetrain = drivetrain
+        self._level_N: float | None = None
+        self._wound_m = 0.0
+        """All tendons wound in alike, beyond what homing found."""
         self._index = drivetrain.tendon_index
         self.available = fits(self.description)
         """Whether this robot's tendons can be compensated at all."""
@@ -62,6 +69,26 @@ class TendonControl:
         self._keeper.reset()
         self._health.reset()
         self._referred = self._driven = True
+        self._level_N, self._wound_m = None, 0.0
+
+    def tighten(self, tension_N: float) -> str:
+        """Bring the mean tension to another level, all tendons by the same length. Why it will not, in words; else empty."""
+        tendon = self.description.tendon
+        if not self._referred or tendon is None:
+            return "home it first: the tendons' tension is not known yet"
+        if not tendon.min_tension_N < tension_N < tendon.max_tension_N:
+            return f"{tension_N:g} N: must be between {tendon.min_tension_N:g} and {tendon.max_tension_N:g} N"
+        self._level_N = tension_N
+        return ""
+
+    def _step_level(self, dt_s: float) -> None:
+        if self._level_N is None or self.estimate is None:
+            return
+        missing = self._level_N - float(np.mean(self.estimate.motor_N))
+        reach = abs(missing) / float(np.mean(self.balance.stiffness_N_m))
+        self._wound_m += float(np.sign(missing)) * min(LEVEL_M_S * dt_s, 0.1 * reach)
+        if reach < LEVEL_REACHED_M:
+            self._level_N = None
 
     def resume(self, q: Floats) -> None:
         """The drives take setpoints again, from where they stand, which is taken for q. No trims before they are driven."""
@@ -79,6 +106,8 @@ class TendonControl:
         transmission, feedback = drivetrain.transmission, drivetrain.feedback
         speed = feedback.velocity * transmission.travel_per_rad
         self.estimate = self._estimator.observe(transmission.travel(feedback.angle), speed, drivetrain.loads(), q)
+        if holds:
+            self._step_level(dt_s)
         moving = bool(np.any(np.abs(velocity[self.balance.tendons.columns]) > MOVING_RAD_S))
         if self.enabled and holds:
             self._compensation.correct(q, self.estimate.bends, moving, dt_s)
@@ -110,6 +139,7 @@ class TendonControl:
         travel = self._drivetrain.travel_of(q)
         if self.active:
             travel[self._index] = self._compensation.travel(q, dt_s) + self._keeper.trims_m
+        travel[self._index] -= self._wound_m
         return travel
 
     def measured(self, near: Floats) -> Floats:
