@@ -32,6 +32,7 @@ from cobra.control.tendon_control import TendonControl
 from cobra.control.timing import LoopTiming
 from cobra.control.witness import Witness
 from cobra.description import RobotDescription
+from cobra.mechanics.losses import LossesError, from_text
 from cobra.messages import Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.bus_load import busiest
@@ -87,7 +88,9 @@ class RobotLoop:
         self._announce = announce
         self.drivetrain = Drivetrain(description, bus)
         self.tendons = TendonControl(self.drivetrain)
-        self.requests.acts.update(compensation=self._compensate, pretension=self._tighten)
+        self.requests.acts.update(
+            compensation=self._compensate, pretension=self._tighten, parameters=self._take_parameters
+        )
         self._limits = DriveLimits(description)
         self._watch = DriveWatch(description)
         self._watched: Watched | None = None
@@ -374,7 +377,11 @@ class RobotLoop:
             velocity = velocity * scale
         self.motion.take(q, velocity)
         self.locking.observe(q, self._measured())
+        known = self.tendons.faults
         self.tendons.watch(setpoint, self.period_s)
+        for fault in self.tendons.faults[len(known) :]:
+            self.supervisor.hold(f"{fault}. Let go, look, press again to go on.")
+            self.warn(fault)
         return self._limits.paced(setpoint, self.tendons.travel(q, self.period_s) + self._bias, self.period_s)
 
     def _compensate(self, request: Request, now_s: float, health: Health) -> Reply:
@@ -385,6 +392,16 @@ class RobotLoop:
         self.tendons.resume(self.motion.q)
         if self._setpoint is not None and self.supervisor.phase != "homing":
             self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
+        return Reply(ok=True)
+
+    def _take_parameters(self, request: Request, now_s: float, health: Health) -> Reply:
+        """Take over loss parameters, TOML in `name`; they count from the next homing on."""
+        if self.supervisor.phase not in ("disarmed", "ready", "holding"):
+            return Reply(ok=False, reasons=("not while it moves or is stopped",))
+        try:
+            self.tendons.prepare(from_text(request.name, self.description, "the parameters"))
+        except LossesError as error:
+            return Reply(ok=False, reasons=(str(error),))
         return Reply(ok=True)
 
     def _tighten(self, request: Request, now_s: float, health: Health) -> Reply:

@@ -3,6 +3,8 @@
 Robots without tendons, or whose sections change their length, are driven by the tendon map alone.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 from cobra.control.compensation import Compensation
@@ -12,7 +14,7 @@ from cobra.control.tendon_health import TendonHealth
 from cobra.control.tension import TensionKeeper
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
-from cobra.mechanics.losses import Identified, described
+from cobra.mechanics.losses import Identified, described, load
 from cobra.mechanics.tendon_balance import TendonBalance
 from cobra.messages import CompensationState, Tendons
 
@@ -30,6 +32,7 @@ class TendonControl:
     def __init__(self, drivetrain: Drivetrain) -> None:
         self.description: RobotDescription = drivetrain.description
         self._drivetrain = drivetrain
+        self._next: Identified | None = None
         self._level_N: float | None = None
         self._wound_m = 0.0
         """All tendons wound in alike, beyond what homing found."""
@@ -42,7 +45,12 @@ class TendonControl:
         self.estimate: TendonEstimate | None = None
         self._referred = self._driven = False
         if self.available:
-            self.use(described(self.description))
+            wanted = self.description.compensation
+            self.use(
+                load(Path(wanted.parameters), self.description)
+                if wanted is not None and wanted.parameters
+                else described(self.description)
+            )
 
     def use(self, identified: Identified) -> None:
         """Take other parameters; they count from the next homing on."""
@@ -55,6 +63,10 @@ class TendonControl:
         self.estimate = None
         self._referred = False
 
+    def prepare(self, identified: Identified) -> None:
+        """Take these parameters when it is homed next."""
+        self._next = identified
+
     @property
     def active(self) -> bool:
         """Whether the drives are told a compensated travel now."""
@@ -64,6 +76,9 @@ class TendonControl:
         """The robot stands at home, straight and at pretension, at this travel of all drives."""
         if not self.available:
             return
+        if self._next is not None:
+            self.use(self._next)
+            self._next = None
         self._estimator.refer(travel, self._drivetrain.loads())
         self._compensation.reset()
         self._keeper.reset()
@@ -169,7 +184,7 @@ class TendonControl:
             profile=tuple(tuple(row) for row in self.estimate.profile_N.tolist()),
             deviation=tuple(q.tolist()),
             residual=tuple(self.estimate.residual_m.tolist()),
-            warnings=(*self._keeper.warnings, *self._health.warnings) if self.enabled else (),
+            warnings=(*self._health.faults, *self._keeper.warnings) if self.enabled else (),
         )
 
     @property
