@@ -8,6 +8,8 @@ from typing import Literal, TypeVar
 
 import msgspec
 
+from cobra.description import RobotDescription
+
 Phase = Literal["disarmed", "homing", "ready", "driving", "holding", "stopped", "fault"]
 Pair = tuple[float, float]
 
@@ -350,6 +352,14 @@ class Touch(Message, frozen=True, kw_only=True):
     """From the body's skin to the nearest wall."""
     clearance_points: tuple[Point, ...] = ()
     """The nearest two points of body's axis and wall [m]."""
+
+
+def tensions_of(description: RobotDescription, state: RobotState) -> tuple[float, ...]:
+    """Tension of each tendon [N]: estimated where it is known, else the load of its drive with the gear's friction in it."""
+    known = state.tendons.tension
+    if len(known) == len(description.tendon_names):
+        return known
+    return tuple(state.drives.load[i] for i in description.tendon_drives)
 
 
 class Meta(Message, frozen=True, kw_only=True):

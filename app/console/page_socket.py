@@ -63,6 +63,7 @@ What = Literal[
     "delete_pose",
     "hand_feed",
     "lock",
+    "compensation",
     "unlock",
     "mark",
 ]

@@ -205,7 +205,8 @@ class Snapshot(TypedDict):
     lock: LockState
     tip_mm: list[Number]
     tensions: list[Number]
-    """In the order of `Welcome.tendons` [N]."""
+    """In the order of `Welcome.tendons` [N]; without the gears' friction, once it is homed."""
+    tendons: "TendonsState"
     tension_limits: TensionLimits
     drives: list[DriveState]
     channels: list[ChannelState]
@@ -219,6 +220,14 @@ class Snapshot(TypedDict):
     console_rate: float
     """States that reached the console in the last second [Hz]."""
     recording: RecordingState
+
+
+class TendonsState(TypedDict):
+    """`compensation` is none, off or on; `words` say so, with the uncertainty of the bends; `warnings` what to do."""
+
+    compensation: str
+    words: str
+    warnings: list[str]
 
 
 class Limits(TypedDict):

@@ -12,7 +12,7 @@ import viser
 
 from app.console.appearance import hex_color, tension_colors
 from cobra.description import Drive, RobotDescription
-from cobra.messages import RobotState
+from cobra.messages import RobotState, tensions_of
 
 STYLE = """<style>
 .cb{font:12px/1.5 system-ui,sans-serif;font-variant-numeric:tabular-nums;padding:2px 10px 4px}
@@ -114,7 +114,7 @@ def tendons_html(description: RobotDescription, state: RobotState) -> str:
     """A bar a tendon from 0 to the limit, with marks at the lowest tension and at pretension."""
     tendon = description.tendon
     assert tendon is not None
-    tensions = [state.drives.load[i] for i in description.tendon_drives]
+    tensions = tensions_of(description, state)
     limit = tendon.max_tension_N
     marks = "".join(
         f'<b style="left:{100.0 * value / limit:.1f}%"></b>' for value in (tendon.min_tension_N, tendon.pretension_N)

@@ -25,6 +25,7 @@ from app.console.page_state import (
     Person,
     RecordingState,
     Snapshot,
+    TendonsState,
     Welcome,
 )
 from app.console.pilot import Pilot
@@ -37,7 +38,7 @@ from cobra.clock import Clock
 from cobra.description import RobotDescription
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED, TWIST, Configuration
-from cobra.messages import Drives, Reply, Request, RobotState
+from cobra.messages import Reply, Request, RobotState, Tendons, tensions_of
 
 SHOWN_EVENTS = 24
 STALE_S = 0.5
@@ -133,6 +134,7 @@ class ConsoleSession:
             "speed": pilot.selection.level,
             "drops": {**(state.drops if state else {}), **pilot.counts, **self._driver.errors},
             "channels": _channels(state),
+            "tendons": _tendons(state),
             "notes": [*state.notes] if state else [],
             "bus": state.bus if state else {},
             "timing": {name: getattr(state.timing, name) for name in state.timing.__struct_fields__} if state else {},
@@ -142,7 +144,7 @@ class ConsoleSession:
         }
         return cast(
             Snapshot,
-            facts | self._shape(state, pilot.selection.section) | self._drives(state.drives if state else None),
+            facts | self._shape(state, pilot.selection.section) | self._drives(state),
         )
 
     def controls(self, page: str, sequence: int, controls: Controls) -> None:
@@ -188,6 +190,8 @@ class ConsoleSession:
             case "acquire" | "release" | "take" | "ask" | "withdraw" | "grant" | "refuse" | "console_pad":
                 who = Occupant(asker.visitor.name, page)
                 return self._later(lambda: self._driver.change(who, what, text, bool(value)))
+            case "compensation":
+                return self._ask(Request(what=what, value=float(bool(value))), asker)
             case _:
                 return self._ask(Request(what=what, reason=text), asker)
 
@@ -278,12 +282,13 @@ class ConsoleSession:
         part = next((section.elongation for section in self._description.sections if section.elongation), None)
         return (part.range_m[0] * 1e3, part.range_m[1] * 1e3) if part else None
 
-    def _drives(self, drives: Drives | None) -> dict[str, Any]:
+    def _drives(self, state: RobotState | None) -> dict[str, Any]:
+        drives = state.drives if state else None
         d = self._description
         limits = (
             {"min": d.tendon.min_tension_N, "max": d.tendon.max_tension_N} if d.tendon else {"min": 0.0, "max": 0.0}
         )
-        if drives is None:
+        if state is None or drives is None:
             return {"drives": [], "tensions": [], "tension_limits": limits}
         return {
             "drives": [
@@ -301,7 +306,7 @@ class ConsoleSession:
                 )
                 for i, drive in enumerate(d.drives)
             ],
-            "tensions": [_number(drives.load[i]) for i in d.tendon_drives],
+            "tensions": [_number(tension) for tension in tensions_of(d, state)],
             "tension_limits": limits,
         }
 
@@ -334,3 +339,12 @@ def _answer(refusal: str) -> Answer:
 
 def _channels(state: RobotState | None) -> list[ChannelState]:
     return [ChannelState(name=c.name, load=c.load, trouble=c.trouble) for c in state.channels] if state else []
+
+
+def _tendons(state: RobotState | None) -> TendonsState:
+    known = state.tendons if state else Tendons()
+    words = {"none": "", "off": "Compensation off", "on": "Compensation on"}[known.compensation]
+    if known.compensation == "on" and known.deviation:
+        sure = math.degrees(max(known.deviation))
+        words += f": bends known to ±{sure:.0f}°, with numbers from {known.parameters}"
+    return TendonsState(compensation=known.compensation, words=words, warnings=list(known.warnings))

@@ -15,6 +15,7 @@ import { PadPicture } from "./pad.js";
 import { PadSetup } from "./pad_setup.js";
 import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
+import { Tendons } from "./tendons.js";
 import { holdButton, stick } from "./touch.js";
 import { markers, showRecording } from "./recording.js";
 import { showView } from "./view.js";
@@ -28,6 +29,7 @@ const plot = new Plot();
 const authority = new Authority((what, value, text) => ask(what, value, text));
 const tables = new Tables();
 const lock = new Lock((what) => ask(what));
+const tendons = new Tendons((what, value) => ask(what, value));
 const modes = new Modes((what, value, text) => ask(what, value, text));
 
 let facts = null;
@@ -237,6 +239,7 @@ function draw() {
   modes.snapshot(state);
   instruments.snapshot(state);
   lock.snapshot(state, phase);
+  tendons.snapshot(state.tendons, phase);
   tables.snapshot(state);
   showRecording(state.recording);
   pad.show(state.pad, driving.reading(), chosenPad.id, state.hints?.[chosenPad.id ? link.page : "pad"]);
