@@ -56,11 +56,8 @@ export const REQUESTS = {
   arm: "Arm", disarm: "Disarm", home: "Home", clear: "Clear", stop: "STOP", quit: "Quit",
   lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
   mode: "Mode", frame: "View", pose: "Pose",
-<<<<<<< HEAD
   save_pose: "Save", delete_pose: "Delete", hand_feed: "Length",
   acquire: "Taking the controls", release: "Letting go", take: "Taking over", ask: "Asking", withdraw: "Withdrawing",
   grant: "Giving the controls", refuse: "Refusing", console_pad: "The console's pad", mark: "The note",
-=======
-  save_pose: "Save", delete_pose: "Delete", hand_feed: "Length", compensation: "Compensation",
->>>>>>> 3cbcd93 (The page says whether losses are compensated, switches it, shows tensions without gear friction and warns of tendons in words)
+  compensation: "Compensation",
 };
