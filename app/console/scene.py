@@ -17,8 +17,7 @@ from app.console.motion_view import PATH, TARGET, WORKSPACE
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import TWIST
-from cobra.messages import Drives, Rigidity, RobotState
-from cobra.messages import Rigidity, RobotState, tensions_of
+from cobra.messages import Drives, Rigidity, RobotState, tensions_of
 
 MESSAGES_PER_FRAME = 8
 TRAIL_S = 20.0
@@ -143,9 +142,6 @@ class Scene:
             # A recording of an older version lacks what was added since.
             if entries != count and (entries or name not in LATER):
                 raise BadStateError(f"drives.{name}: {entries} entries, {count} are needed")
-        return np.array([state.drives.load[i] for i in self._description.tendon_drives], dtype=float)
-            if len(getattr(state.drives, name)) != count:
-                raise BadStateError(f"drives.{name}: {len(getattr(state.drives, name))} entries, {count} are needed")
         return np.array(tensions_of(self._description, state), dtype=float)
 
     def _draw(self, pose: Pose, stamp: float) -> None:
