@@ -13,7 +13,7 @@ import pytest
 
 from tests.served import Rig, served
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+pytestmark = [pytest.mark.long, pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")]
 
 DRIVEN = 2
 """The first bend of q, which the driver moves."""
