@@ -9,6 +9,7 @@ from app.people.users import Users
 from tests.stack import Stack, wait_for
 
 expect = pytest.importorskip("playwright.sync_api").expect
+expect.set_options(timeout=30_000)
 
 CALM = ("--twin", "ideal", "--frame-rate", "2")
 
