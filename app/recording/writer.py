@@ -81,7 +81,7 @@ class SessionWriter:
         self._facts = facts
         self._capacity = capacity
         self._now_ns = now_ns
-        self._file = make_file(path, _topics())
+        self._file = make_file(path, topics())
         self._queue: deque[_Item] = deque()
         self._overflow = 0
         self._lost = 0
@@ -289,7 +289,8 @@ class SessionWriter:
         return self._digester
 
 
-def _topics() -> list[Topic]:
+def topics() -> list[Topic]:
+    """Every channel of a recording: ours, then Foxglove's."""
     ours = [Topic(name, f"cobra.{kind.__name__}", channels.schema(kind)) for name, kind in channels.TYPES.items()]
     theirs = [Topic(name, schema, channels.schema(kind)) for name, (schema, kind) in FOXGLOVE.items()]
     return ours + theirs
