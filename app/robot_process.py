@@ -194,7 +194,7 @@ def _announcing(link: RobotLink) -> Callable[[Event], None]:
 
     def announce(event: Event) -> None:
         link.publish_event(event)
-        log.log(levels[event.level], event.text, extra={"stamp": event.stamp})
+        log.log(levels.get(event.level, logging.INFO), event.text, extra={"stamp": event.stamp})
 
     return announce
 

@@ -67,9 +67,6 @@ def pressed(page: Page) -> bool:
     return bool(page.snapshot["phase"] == "driving")
 
 
-@pytest.mark.xfail(
-    reason="the marker that the page asks for is refused since consoles have seats: under investigation", strict=False
-)
 def test_recorded_sticks_drive_the_twin_to_the_same_place(tmp_path):
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
