@@ -23,6 +23,7 @@ from cobra.control.limits import DriveLimits
 from cobra.control.locking import Locking, locking_acts
 from cobra.control.motion import Motion
 from cobra.control.motion_requests import motion_acts
+from cobra.control.outlets import guarded
 from cobra.control.poses import PoseBook
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.control.report import channels_report, drives_report, health_of
@@ -68,7 +69,11 @@ class RobotLoop:
         self.inbox = Inbox()
         self.authority = Authority()
         self.supervisor = Supervisor()
-        self.requests = Requests(self.authority, self._lose_driver, announce)
+        self._malformed: Counter[str] = Counter()
+        self._publish = guarded("publishing a state", publish, self._malformed)
+        self._announce = guarded("announcing an event", announce, self._malformed)
+        self._witness = Witness(guarded("telling a recorder", testify, self._malformed))
+        self.requests = Requests(self.authority, self._lose_driver, self._announce)
         self.requests.acts.update(
             arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
         )
@@ -83,9 +88,6 @@ class RobotLoop:
         )
         self.period_s = 1.0 / description.teleop.loop_rate_Hz
         self.quit_requested = False
-        self._publish = publish
-        self._witness = Witness(testify)
-        self._announce = announce
         self.drivetrain = Drivetrain(description, bus)
         self.tendons = TendonControl(self.drivetrain)
         self.requests.acts.update(
@@ -105,7 +107,6 @@ class RobotLoop:
         # but the rate is the bus's.
         self._overlapped = busiest(description) > OVERLAP
         self._bias = np.zeros(len(description.drives))
-        self._malformed: Counter[str] = Counter()
         self._limited = ""
         self._tick = 0
         self._told: tuple[str, str] = ("", "")
