@@ -273,7 +273,7 @@ class RobotLoop:
         self.drivetrain.exchange(None)
         self._start_from_measured(self.drivetrain.feedback)
         if not self.supervisor.homed:
-            self._homing = Homing(self.description)
+            self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.armed()
         return Reply(ok=True)
 
@@ -282,7 +282,7 @@ class RobotLoop:
             return Reply(ok=False, reasons=("arm it first; homing needs the drives on and standing still",))
         if health.blocking:
             return Reply(ok=False, reasons=health.blocking)
-        self._homing = Homing(self.description)
+        self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.start_homing()
         return Reply(ok=True)
 

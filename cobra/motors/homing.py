@@ -3,7 +3,7 @@
 Current alone is a poor witness (a jammed spool draws some too), so contact needs tension for a hold time, and travel and
 time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
 tendons are let go until the body is straight, and drawn in together: then all slide the same way, and equal tensions
-keep it straight. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
+keep it straight. Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
 tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
 """
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
 from cobra.motors.seating import Seating, has_stop
+from cobra.motors.settling import Settling
 
 Floats = NDArray[np.float64]
 
@@ -67,15 +68,21 @@ class _Stage(Enum):
     LET_GO = "letting go"
     DRAW = "drawing all tendons in"
     TIGHTEN = "tightening to pretension"
+    SETTLE = "settling at pretension"
     SEAT = "pulling together to the stop"
     FREE = "letting go of the stop"
     DONE = "homed"
 
 
 class Homing:
-    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are."""
+    """Steps all tendons together, so that antagonists balance; twist and feed stay where they are.
 
-    def __init__(self, description: RobotDescription) -> None:
+    Args:
+        description: the robot.
+        bending: (tendons, tendons) projector onto those length changes that bend the robot.
+    """
+
+    def __init__(self, description: RobotDescription, bending: Floats) -> None:
         n = len(description.tendon_names)
         self._tendon = description.tendon
         self._names = description.tendon_names
@@ -94,6 +101,7 @@ class Homing:
         """What each drive reads while it winds a slack tendon: friction, not tension."""
         self._readings: list[Floats] = []
         self._count_N = np.array([_count_N(description, i) for i in self._index])
+        self._settling = None if _rubs(description) else Settling(bending, float(np.max(self._count_N, initial=0.0)))
         self._seating = Seating(description) if has_stop(description) else None
         self._stroke_m = float(self._seating.stroke_m.max()) if self._seating else 0.0
 
@@ -132,6 +140,10 @@ class Homing:
                 self._draw(reading - self._free, pretension, dt_s)
             case _Stage.TIGHTEN:
                 self._tighten(pretension - (reading - self._free), dt_s)
+            case _Stage.SETTLE if self._settling is not None:
+                self._target[self._index] += self._settling.step(reading - self._free, pretension, dt_s)
+                if self._settling.done:
+                    self._stage = _Stage.DONE
             case _ if self._seating is not None:
                 self._seat(self._seating, reading - self._free, dt_s)
         return self._target.copy()
@@ -208,12 +220,18 @@ class Homing:
         """All by the same length."""
         mean = float(np.mean(missing))
         if mean <= 0.0:
-            self._stage = _Stage.DONE
+            self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
             return
         # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
         self._tightening *= TIGHTENING_GROWTH
         speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
         self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s
+
+
+def _rubs(description: RobotDescription) -> bool:
+    """Whether friction along the tendons hides from the drives what the sections feel."""
+    tendon = description.tendon
+    return tendon is not None and max(tendon.hole_friction, tendon.conduit_friction) > 0.0
 
 
 def _compliance(description: RobotDescription) -> float:

@@ -90,7 +90,9 @@ def test_recorded_sticks_drive_the_twin_to_the_same_place(tmp_path):
         assert recording.digest.missed == 0
     with Stack(tmp_path / "second", "--drive-from", str(path), "--no-record") as stack:
         stack.start()
-        words = wait_for("the comparison", lambda: re.search(r"drove .* way of [\d.]+ m", stack.output.read_text()), 60.0).group(0)
+        words = wait_for(
+            "the comparison", lambda: re.search(r"drove .* way of [\d.]+ m", stack.output.read_text()), 60.0
+        ).group(0)
         assert stack.observer is not None
         measured = stack.observer.state.measured
         stack.end()
