@@ -91,7 +91,7 @@ class Simulation:
 
     def told(self, description: RobotDescription) -> RobotDescription:
         """The robot that its drivers believe in: they know how it is mounted, and of losses that are switched off."""
-        if self.losses == "off":
+        if self.losses == "off" or self.twin != "default":
             description = with_losses(description, "off", self.seed)
         if self.twin in ("ideal", "none"):
             description = replace(description, compensation=Compensation(enabled=False))
