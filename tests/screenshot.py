@@ -39,7 +39,7 @@ def main(picture: Path) -> None:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=ARGUMENTS)
         tab = browser.new_context(viewport=SIZE, color_scheme="dark").new_page()
         tab.goto(stack.url)
-        viewer = tab.frame_locator("iframe")
+        viewer = tab.frame_locator("#viewer")
         viewer.locator('canvas[data-engine^="three.js"]').wait_for(timeout=60_000)
         notice = viewer.locator(".mantine-Notification-root button").first
         notice.wait_for(timeout=60_000)

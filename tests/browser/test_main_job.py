@@ -110,7 +110,7 @@ def test_the_scene_is_drawn_and_nothing_fails_in_the_page(tab, tmp_path, width):
     tab.on("pageerror", lambda error: errors.append(str(error)))
     with running(tmp_path) as stack:
         tab.goto(stack.url)
-        canvas = tab.frame_locator("iframe").locator('canvas[data-engine^="three.js"]')
+        canvas = tab.frame_locator("#viewer").locator('canvas[data-engine^="three.js"]')
         canvas.wait_for()
         assert canvas.bounding_box()["width"] > width / 4
         tab.get_by_test_id("state").filter(has_text="Disarmed").wait_for()

@@ -362,7 +362,7 @@ def test_escape_stops_and_ends_the_drive(page: Any, session: FakeSession) -> Non
 
 def test_escape_stops_from_inside_the_3d_view_and_from_a_dialog(page: Any, session: FakeSession) -> None:
     page.mouse.move(*centre(page, "viewer"))
-    page.frame_locator("iframe").locator("body").press("Escape")
+    page.frame_locator("#viewer").locator("body").press("Escape")
     session.wait(lambda: session.requests == ["stop"])
     page.get_by_test_id("quit").click()
     page.keyboard.press("Escape")
@@ -444,7 +444,7 @@ def test_turning_the_3d_view_leaves_the_keys_with_the_robot(tab: Any, session: F
     try:
         with FrontDoor("127.0.0.1", 0, viewer.get_port(), session) as door:
             tab.goto(door.url)
-            tab.frame_locator("iframe").locator("canvas[data-engine]").wait_for()
+            tab.frame_locator("#viewer").locator("canvas[data-engine]").wait_for()
             x, y = centre(tab, "viewer")
             tab.mouse.move(x, y)
             tab.mouse.move(x + 5, y)
