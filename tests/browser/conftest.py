@@ -46,4 +46,4 @@ def pytest_collection_modifyitems(items):
     """Chromium without a GPU on two cores stalls now and then for longer than a driver may: such a test is run anew."""
     for item in items:
         if "/browser/" in item.path.as_posix():
-            item.add_marker(pytest.mark.flaky(reruns=0))
+            item.add_marker(pytest.mark.flaky(reruns=2))
