@@ -19,7 +19,7 @@ MAX_BYTES, KEPT = 5_000_000, 3
 LEVELS = ("debug", "info", "warning", "error")
 DIM, PLAIN = "\x1b[2m", "\x1b[0m"
 _writers: list[logging.handlers.QueueListener] = []
-PLAIN_FIELDS = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "taskName"}
+PLAIN_FIELDS = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime", "taskName"}
 """Fields of every record; what else a record has is its writer's own and is kept."""
 
 
