@@ -238,6 +238,8 @@ class LoadCell(_Part, frozen=True, kw_only=True):
     """Standard deviation of a reading."""
     bias_N: NonNegative = 0.0
     """Largest offset of a reading; taring takes it off."""
+    limit_N: Positive | None = None
+    """A reading from here on is saturated; without it, one at the end of its type."""
 
     @property
     def size(self) -> int:

@@ -149,6 +149,20 @@ class Channel(Message, frozen=True, kw_only=True):
     """In words with what to do; empty when all is well."""
 
 
+class Cell(Message, frozen=True, kw_only=True):
+    """The load cell of one tendon."""
+
+    tendon: str
+    tension: float
+    """[N]; NaN while it cannot be believed."""
+    reading: float
+    """[N] by the described scale alone, neither tared nor calibrated; NaN until first heard."""
+    age: float
+    """[s] since its last frame."""
+    trouble: str = ""
+    """Why it cannot be believed, in words with what to do."""
+
+
 CompensationState = Literal["none", "off", "on"]
 
 
@@ -283,6 +297,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """The same from motor feedback alone."""
     drives: Drives
     tendons: Tendons = Tendons()
+    cells: tuple[Cell, ...] = ()
+    """The load cells, beside what the drives' currents say."""
     drops: dict[str, int] = {}
     """Commands that were not obeyed, by reason."""
     channels: tuple[Channel, ...] = ()

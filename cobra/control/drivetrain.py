@@ -46,10 +46,23 @@ class Drivetrain:
         return self.tendons.shape(travel[self.tendon_index], q).q
 
     def loads(self) -> Floats:
-        """Load of each drive from motor current [N or N·m]; zeros before the first feedback."""
+        """Load of each drive [N or N·m]: of a tendon what its load cell measures, else from motor current.
+
+        Zeros before the first feedback.
+        """
         if self.feedback is None:
             return np.zeros(len(self.description.drives))
-        return self.transmission.load(self.feedback.current)
+        loads = self.transmission.load(self.feedback.current)
+        measured = self.measured_tensions()
+        known = np.isfinite(measured)
+        loads[self.tendon_index[known]] = measured[known]
+        return loads
+
+    def measured_tensions(self) -> Floats:
+        """(m,) what load cells measure of each tendon [N]; NaN where there is none that can be believed."""
+        if self.feedback is None or not len(self.feedback.cells.tension):
+            return np.full(len(self.tendon_index), np.nan)
+        return self.feedback.cells.tension
 
     def exchange(self, travel: Floats | None) -> None:
         """Send the setpoints, or only read with None, and keep the feedback. A bus that is gone is remembered in `gone`."""

@@ -1,7 +1,7 @@
 """What the motors' feedback says of tendons and backbone, with losses taken into account, and how sure that is.
 
-Tension at the spool is the motor's load without its gear's friction: that of the motion while the drive moves; at rest it
-stays what it was, as far as the friction can hold it. Behind it the tendon holds by friction anywhere within the capstan's cone, and keeps its tension until it must slide: so each place of
+Tension at the spool is what a load cell measures there, or else the motor's load without its gear's friction: that of the
+motion while the drive moves; at rest it stays what it was, as far as the friction can hold it. Behind it the tendon holds by friction anywhere within the capstan's cone, and keeps its tension until it must slide: so each place of
 the profile is the last value, clipped to the cone around the place before. Stretch follows from the profile, the tendons'
 lengths at the port from travel and stretch, the bends from those by least squares.
 """
@@ -59,22 +59,24 @@ class Estimator:
         self._zero_m = np.zeros(m)
         self._spool = np.zeros(m)
 
-    def refer(self, travel: Floats, load: Floats) -> None:
+    def refer(self, travel: Floats, load: Floats, measured: Floats) -> None:
         """This is the straight robot, homed: its tendons' lengths are 0 from here."""
         self._motor = load[self._index] - self._losses.drive_friction_N
         self._spool = travel[self._index].copy()
         self._tension = None
         self._zero_m = np.zeros(len(self._index))
-        estimate = self.observe(travel, np.zeros_like(travel), load, self._balance.configuration.rest())
+        estimate = self.observe(travel, np.zeros_like(travel), load, measured, self._balance.configuration.rest())
         self._zero_m = estimate.length_m
 
-    def observe(self, travel: Floats, velocity: Floats, load: Floats, q: Floats) -> TendonEstimate:
-        """One tick: travel, velocity and load of all drives, and about which q the tendons rub."""
+    def observe(self, travel: Floats, velocity: Floats, load: Floats, measured: Floats, q: Floats) -> TendonEstimate:
+        """One tick: travel, velocity and load of all drives, tensions that load cells measure (m,) [N] or NaN, and about
+        which q the tendons rub."""
         losses, balance = self._losses, self._balance
         speed = velocity[self._index]
         reading, rubs = load[self._index], losses.drive_friction_N
         held = reading if self._motor is None else np.clip(self._motor, reading - rubs, reading + rubs)
-        motor = np.maximum(np.where(np.abs(speed) > MOVING_M_S, reading + rubs * np.sign(speed), held), 0.0)
+        felt = np.where(np.abs(speed) > MOVING_M_S, reading + rubs * np.sign(speed), held)
+        motor = np.maximum(np.where(np.isnan(measured), felt, measured), 0.0)
         self._motor = motor
         # The play of the gear: the spool follows the shaft within ± half of it.
         shaft = travel[self._index]

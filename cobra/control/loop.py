@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.control.authority import Authority
+from cobra.control.cell_watch import CellWatch, cells_report
 from cobra.control.drive_watch import DriveWatch, Watched
 from cobra.control.drivetrain import Drivetrain
 from cobra.control.final_action import FinalAction
@@ -96,6 +97,7 @@ class RobotLoop:
         self._limits = DriveLimits(description)
         self._watch = DriveWatch(description)
         self._watched: Watched | None = None
+        self._cells = CellWatch(description, self.supervisor, self.warn)
         self._timing = LoopTiming(self.period_s)
         self._homing: Homing | None = None
         self._final: FinalAction | None = None
@@ -416,6 +418,7 @@ class RobotLoop:
 
     def _watch_drives(self) -> None:
         drivetrain = self.drivetrain
+        self._cells.step(drivetrain.feedback)
         if drivetrain.feedback is not None and not drivetrain.gone:
             wanted = None if self._setpoint is None else drivetrain.transmission.angle(self._setpoint)
             self._watched = self._watch.step(drivetrain.feedback, wanted, self.period_s)
@@ -448,6 +451,7 @@ class RobotLoop:
             bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s - waited_s),
             tendons=self.tendons.report(),
+            cells=cells_report(self.description, self.drivetrain.feedback.cells) if self.drivetrain.feedback else (),
             lock=self.locking.report(),
             motion=self.motion.report(now),
         )

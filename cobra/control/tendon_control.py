@@ -79,7 +79,7 @@ class TendonControl:
         if self._next is not None:
             self.use(self._next)
             self._next = None
-        self._estimator.refer(travel, self._drivetrain.loads())
+        self._estimator.refer(travel, self._drivetrain.loads(), self._drivetrain.measured_tensions())
         self._compensation.reset()
         self._keeper.reset()
         self._health.reset()
@@ -120,7 +120,9 @@ class TendonControl:
             return
         transmission, feedback = drivetrain.transmission, drivetrain.feedback
         speed = feedback.velocity * transmission.travel_per_rad
-        self.estimate = self._estimator.observe(transmission.travel(feedback.angle), speed, drivetrain.loads(), q)
+        self.estimate = self._estimator.observe(
+            transmission.travel(feedback.angle), speed, drivetrain.loads(), drivetrain.measured_tensions(), q
+        )
         if holds:
             self._step_level(dt_s)
         moving = bool(np.any(np.abs(velocity[self.balance.tendons.columns]) > MOVING_RAD_S))

@@ -21,6 +21,27 @@ HOME_AGAIN = "home again"
 
 
 @dataclass(frozen=True, slots=True)
+class CellReadings:
+    """What the load cells say, one entry a tendon (m,) in the order of the description."""
+
+    tension: Floats
+    """[N], tared and scaled; NaN where there is no cell, or none that can be believed."""
+    raw: Floats
+    """[N] by the described scale alone; NaN until first heard."""
+    age: Floats
+    """[s] since its last frame; inf before the first."""
+    trouble: tuple[str, ...]
+    """Why it cannot be believed, in words with what to do; empty where it can, and where there is none."""
+    fitted: NDArray[np.bool_]
+    """Where there is a cell."""
+
+
+_NONE = np.zeros(0)
+NO_CELLS = CellReadings(tension=_NONE, raw=_NONE, age=_NONE, trouble=(), fitted=np.zeros(0, dtype=bool))
+"""Of a bus that knows of no load cells."""
+
+
+@dataclass(frozen=True, slots=True)
 class Feedback:
     """What the motors said, one entry a drive in the order of the description; all at the output shaft.
 
@@ -46,6 +67,8 @@ class Feedback:
     """Replies missed in a row."""
     faults: tuple[str, ...]
     """In words; empty where there is none."""
+    cells: CellReadings = NO_CELLS
+    """Of the load cells, by tendon."""
 
 
 @dataclass(frozen=True, slots=True)

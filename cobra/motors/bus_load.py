@@ -37,10 +37,13 @@ class ChannelLoad:
     """Multi-turn angles read in every tick: v3 drives, whose other replies carry whole degrees only."""
     slow_polls: float
     """Status reads a tick, round-robin (and, for v1 drives, checks of the turn count); at most 1."""
+    cell_bits_per_s: float = 0.0
+    """Of load cells, which send by themselves."""
 
     @property
     def bits_per_tick(self) -> float:
-        return self.setpoint_bits + (self.angle_polls + self.slow_polls) * self.poll_bits
+        cells = self.cell_bits_per_s / self.rate_Hz
+        return self.setpoint_bits + (self.angle_polls + self.slow_polls) * self.poll_bits + cells
 
     @property
     def load(self) -> float:
@@ -52,6 +55,10 @@ class ChannelLoad:
         """How long the frames of a full tick take on the wire."""
         return (self.setpoint_bits + (self.angle_polls + 1) * self.poll_bits) / self.bus.bitrate
 
+    @property
+    def _cell_words(self) -> str:
+        return f", load cells {self.cell_bits_per_s:.0f} bits/s" if self.cell_bits_per_s else ""
+
     def complaint(self) -> str:
         """Why the channel cannot carry it, with the sum; empty if it can."""
         if self.load <= MAX_LOAD:
@@ -60,7 +67,8 @@ class ChannelLoad:
         return (
             f"bus {self.bus.name!r}: {self.load:.0%} of {self.bus.bitrate / 1000:g} kbit/s at {self.rate_Hz:g} Hz "
             f"({self.exchanges} setpoints with replies {self.setpoint_bits} bits, {self.angle_polls + self.slow_polls:g} reads "
-            f"of {self.poll_bits} bits: {self.bits_per_tick:.0f} bits x {self.rate_Hz:g} Hz); at most {MAX_LOAD:.0%}: "
+            f"of {self.poll_bits} bits{self._cell_words}: {self.bits_per_tick:.0f} bits x {self.rate_Hz:g} Hz); "
+            f"at most {MAX_LOAD:.0%}: "
             f"lower teleop.loop_rate_Hz to {possible} or divide the drives among more buses"
         )
 
@@ -68,17 +76,19 @@ class ChannelLoad:
 def channel_load(description: RobotDescription, bus: Bus) -> ChannelLoad:
     """Load of one channel with as much polling as fits under `DESIGN_LOAD`."""
     drives = [drive for drive in description.drives if drive.bus == bus.name]
+    cells = _cell_bits_per_s(description, bus)
     if any(description.motor_of(drive).protocol == "cia402" for drive in drives):
-        return _canopen_load(drives, bus, description.teleop.loop_rate_Hz)
+        return _canopen_load(drives, bus, description.teleop.loop_rate_Hz, cells)
     dialects = [DIALECTS[description.motor_of(drive).protocol] for drive in drives]
     rate = description.teleop.loop_rate_Hz
     setpoint_bits = sum(_setpoint_bits(d, k) for d, k in zip(drives, dialects, strict=True))
     poll_bits = max((_poll_bits(d, k) for d, k in zip(drives, dialects, strict=True)), default=0)
     coarse = sum(dialect.name == "rmd-v3" for dialect in dialects)
-    room = max(0.0, DESIGN_LOAD * bus.bitrate / rate - setpoint_bits) / poll_bits if poll_bits else 0.0
+    free_bits = (DESIGN_LOAD * bus.bitrate - cells) / rate - setpoint_bits
+    room = max(0.0, free_bits) / poll_bits if poll_bits else 0.0
     slow = min(1.0, max(SLOW_POLLS_PER_TICK, room))
     angles = min(coarse, max(math.ceil(coarse / ANGLE_PERIOD_TICKS), int(room - slow)))
-    return ChannelLoad(bus, rate, setpoint_bits, len(drives), poll_bits, angles, slow)
+    return ChannelLoad(bus, rate, setpoint_bits, len(drives), poll_bits, angles, slow, cells)
 
 
 def busiest(description: RobotDescription) -> float:
@@ -99,7 +109,16 @@ def whole_milliseconds(rate_Hz: float) -> int:
     return period_ms
 
 
-def _canopen_load(drives: list[Drive], bus: Bus, rate_Hz: float) -> ChannelLoad:
+def _cell_bits_per_s(description: RobotDescription, bus: Bus) -> float:
+    frames: dict[int, tuple[float, int]] = {}
+    for cell in description.load_cells:
+        if cell.bus == bus.name:
+            longest = max(frames.get(cell.frame_id, (0.0, 0))[1], cell.byte_offset + cell.size)
+            frames[cell.frame_id] = (cell.rate_Hz, longest)
+    return sum(rate_Hz * frame_bits(frame_id, bytes(range(n))) for frame_id, (rate_Hz, n) in frames.items())
+
+
+def _canopen_load(drives: list[Drive], bus: Bus, rate_Hz: float, cell_bits_per_s: float) -> ChannelLoad:
     """SYNC, targets and actuals of every drive in every tick; heartbeats; a read over SDO now and then."""
     targets, actuals = TARGETS.pack(15, 123_456), ACTUALS.pack(0x1237, 123_456, -42)
     beats_Hz = len(drives) * 10 + 20
@@ -107,8 +126,9 @@ def _canopen_load(drives: list[Drive], bus: Bus, rate_Hz: float) -> ChannelLoad:
     for drive in drives:
         exchange_bits += frame_bits(RPDO1 + drive.address, targets) + frame_bits(TPDO1 + drive.address, actuals)
     poll_bits = 2 * frame_bits(SDO_REQUEST + 1, bytes.fromhex("4000220100000000"))
-    room = max(0.0, DESIGN_LOAD * bus.bitrate / rate_Hz - exchange_bits) / poll_bits
-    return ChannelLoad(bus, rate_Hz, exchange_bits, len(drives), poll_bits, 0, min(1.0, max(SLOW_POLLS_PER_TICK, room)))
+    room = max(0.0, (DESIGN_LOAD * bus.bitrate - cell_bits_per_s) / rate_Hz - exchange_bits) / poll_bits
+    slow = min(1.0, max(SLOW_POLLS_PER_TICK, room))
+    return ChannelLoad(bus, rate_Hz, exchange_bits, len(drives), poll_bits, 0, slow, cell_bits_per_s)
 
 
 @lru_cache(maxsize=256)

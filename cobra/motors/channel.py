@@ -63,6 +63,8 @@ class Channel:
         self.waited_s = 0.0
         self.told_off = False
         """The adapter said bus-off, and nothing was received since."""
+        self.listeners: dict[int, Callable[[bytearray], None]] = {}
+        """By frame id, who takes the data of frames that come unasked and are no drive's."""
         self._options = options
         self._bus: can.BusABC | None = None
         self._broken = ""
@@ -186,7 +188,7 @@ class Channel:
                 take(message)
 
     def usable(self, message: can.Message) -> bool:
-        """A plain data frame from somebody else; what is not is counted."""
+        """A plain data frame from somebody else that nobody listens for; what is none is counted."""
         if message.is_error_frame:
             return False
         if message.is_remote_frame:
@@ -197,6 +199,8 @@ class Channel:
             self.counts["FD frame"] += 1
         elif not message.is_rx:
             self.counts["own frame"] += 1
+        elif (take := self.listeners.get(message.arbitration_id)) is not None:
+            take(message.data)
         else:
             return True
         return False

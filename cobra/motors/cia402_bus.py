@@ -17,6 +17,7 @@ from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
 from cobra.motors.bus import BusError, ChannelHealth, Feedback, Floats
 from cobra.motors.bus_load import channel_load, whole_milliseconds
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.channel import Channel, Record
 from cobra.motors.cia402_frames import (
     DISABLE_VOLTAGE,
@@ -93,6 +94,10 @@ class Cia402Bus:
     def record_to(self, record: Record | None) -> None:
         """Show every frame, sent and received, to `record`."""
         self._channel.record = record
+
+    def listen_for(self, cells: LoadCells) -> None:
+        """Hand over the frames of the load cells on this channel."""
+        self._channel.listeners = {**cells.listeners(self._channel.described.name, self._count)}
 
     # -- life -----------------------------------------------------------------------------------------------------
 

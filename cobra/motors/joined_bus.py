@@ -1,6 +1,7 @@
 """Several channels, of one or more protocols, as one `MotorBus`."""
 
 import contextlib
+import dataclasses
 from collections import Counter
 from collections.abc import Callable, Iterator
 from types import TracebackType
@@ -9,6 +10,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from cobra.motors.bus import BusError, ChannelHealth, Feedback, Floats
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.channel import Record
 from cobra.motors.raw_log import RawLog
 
@@ -26,6 +28,7 @@ class MotorChannel(Protocol):
     @property
     def health(self) -> ChannelHealth: ...
     def record_to(self, record: Record | None) -> None: ...
+    def listen_for(self, cells: LoadCells) -> None: ...
     def enable(self) -> tuple[str, ...]: ...
     def refuse_setpoints(self) -> None: ...
     def disable(self) -> None: ...
@@ -41,9 +44,12 @@ class MotorChannel(Protocol):
 class JoinedBus:
     """Several channels as one `MotorBus`: all bursts go out before the first reply is awaited."""
 
-    def __init__(self, channels: list[MotorChannel], log: RawLog | None) -> None:
+    def __init__(self, channels: list[MotorChannel], log: RawLog | None, cells: LoadCells) -> None:
         self._channels = channels
         self._log = log
+        self._cells = cells
+        for channel in channels:
+            channel.listen_for(cells)
         self._scopes = [np.array(channel.indices, dtype=np.intp) for channel in channels]
         # Reading entry i of all channels one after the other gives the description's order.
         self._order = np.argsort(np.concatenate(self._scopes))
@@ -121,7 +127,8 @@ class JoinedBus:
                 parts.append(channel.collect())
         if self._errors:
             raise self._errors[0]
-        return parts[0] if len(parts) == 1 else self._joined(parts)
+        told = parts[0] if len(parts) == 1 else self._joined(parts)
+        return dataclasses.replace(told, cells=self._cells.readings()) if len(self._cells) else told
 
     def __enter__(self) -> Self:
         self.open()

@@ -18,6 +18,7 @@ from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
 from cobra.motors.bus import HOME_AGAIN, BusError, ChannelHealth, Feedback, Floats
 from cobra.motors.bus_load import channel_load
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.channel import Record
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
@@ -122,6 +123,10 @@ class RmdBus:
     def record_to(self, record: Record | None) -> None:
         """Show every frame, sent and received, to `record`."""
         self._channel.record = record
+
+    def listen_for(self, cells: LoadCells) -> None:
+        """Hand over the frames of the load cells on this channel."""
+        self._channel.listeners = {**cells.listeners(self._channel.described.name, self._count)}
 
     # -- life -----------------------------------------------------------------------------------------------------
 
