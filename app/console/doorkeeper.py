@@ -2,7 +2,9 @@
 
 import contextlib
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
@@ -17,6 +19,9 @@ VISITOR = "visitor"
 """Where in an ASGI scope the `Visitor` is found behind this door."""
 PRESENT = "present"
 """And a function that gives the visitor as of now: with another role by then, or None when the session is over."""
+CUT = "cut"
+"""And one that ends the connection without a farewell, for who does not read it."""
+Address = tuple[str, int]
 PUBLIC = frozenset(
     {
         "/sign-in",
@@ -68,8 +73,15 @@ class Doorkeeper:
     """
 
     def __init__(
-        self, app: ASGIApp, names: frozenset[str], sessions: Sessions, cookie: Cookie, refused: Counter[str]
+        self,
+        app: ASGIApp,
+        names: frozenset[str],
+        sessions: Sessions,
+        cookie: Cookie,
+        refused: Counter[str],
+        cut: Callable[[Address], None],
     ) -> None:
+        self._cut = cut
         self._app = app
         self._names = names
         self._sessions = sessions
@@ -94,6 +106,7 @@ class Doorkeeper:
         session = visitor.session if visitor else ""
         scope[VISITOR] = visitor
         scope[PRESENT] = lambda: self._sessions.find(session)
+        scope[CUT] = partial(self._cut, scope["client"])
         await self._app(scope, receive, hardened(send, hand_out))
 
     async def _refuse(self, why: str, status: int, scope: Scope, receive: Receive, send: Send) -> None:

@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from app.console.doorkeeper import PRESENT, VISITOR, view_path
+from app.console.doorkeeper import CUT, PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
@@ -208,6 +208,7 @@ class PageSocket:
                     await websocket.send_text(self._newest_snapshot())
             except TimeoutError:
                 self.counts["page does not read: cut off"] += 1
+                websocket.scope[CUT]()
                 raise WebSocketDisconnect(1008) from None
             await asyncio.sleep(SNAPSHOT_PERIOD_S)
 

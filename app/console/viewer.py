@@ -27,6 +27,7 @@ from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
 from app.console.viewer_proxy import ROLE_HEADER, VIEW_HEADER
+from app.console.viser_backlog import join_at_once
 from cobra.clock import Clock, SystemClock
 from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
@@ -315,4 +316,5 @@ def _private_server(secret: str) -> viser.ViserServer:
         server = viser.ViserServer(host=HOST, port=0, verbose=False)
     for request in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(request)
+    join_at_once(server)
     return server

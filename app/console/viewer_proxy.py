@@ -18,7 +18,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
-from app.console.doorkeeper import PRESENT, VISITOR
+from app.console.doorkeeper import CUT, PRESENT, VISITOR
 from app.people.roles import Role, at_least
 from app.people.sessions import Visitor
 
@@ -75,6 +75,8 @@ ROLE_HEADER, VIEW_HEADER = "x-cobra-role", "x-cobra-view"
 VIEWS = ("tip",)
 """Under these paths viser's page is found again; the client is told which one it came by."""
 SESSION_CHECK_S = 1.0
+STUCK_S = 10.0
+"""A viewer that takes nothing for this long is cut off; one that lives connects again by itself."""
 Present = Callable[[], Visitor | None]
 NO_CODE = (1005, 1006, 1015)
 """Close codes that say that none was received; they must not be sent."""
@@ -193,10 +195,15 @@ class ViewerProxy:
         try:
             while True:
                 frame = await viser.recv()
-                if isinstance(frame, bytes):
-                    await websocket.send_bytes(frame)
-                else:
-                    await websocket.send_text(frame)
+                async with asyncio.timeout(STUCK_S):
+                    if isinstance(frame, bytes):
+                        await websocket.send_bytes(frame)
+                    else:
+                        await websocket.send_text(frame)
+        except TimeoutError:
+            self.counts["viewer does not read: cut off"] += 1
+            websocket.scope[CUT]()
+            raise WebSocketDisconnect(1008) from None
         except ConnectionClosed as closed:
             code = closed.rcvd.code if closed.rcvd else 1001
             await websocket.close(1001 if code in NO_CODE else code, closed.rcvd.reason if closed.rcvd else "")

@@ -1,12 +1,14 @@
 """The way to viser, against a real viser server."""
 
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import msgspec
 import numpy as np
+import psutil
 import pytest
 import viser
 from viser import _messages
@@ -16,6 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from app.console.front_door import FrontDoor
 from app.console.viewer_proxy import LOOKING, OPERATING, may_pass
+from tests.app.console.scene_fakes import wait_until
 from tests.page_fakes import FakeSession, cookie_of
 
 SUBPROTOCOL = f"viser-v{viser.__version__}"
@@ -185,3 +188,39 @@ def test_a_viewer_is_cut_off_when_viser_ends(session: FakeSession) -> None:
         server.stop()
         with pytest.raises(ConnectionClosed):
             read_on(client)
+
+
+def test_a_viewer_that_stops_reading_is_cut_off_and_holds_nobody_up(
+    door: FrontDoor, viewer: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.console.viewer_proxy.STUCK_S", 0.3)
+    stuck = connect(
+        f"ws://127.0.0.1:{door.port}/viewer/",
+        origin=Origin(f"http://127.0.0.1:{door.port}"),
+        additional_headers={"cookie": cookie_of(door.port)},
+        subprotocols=[SUBPROTOCOL],
+        max_size=None,
+        max_queue=1,
+        close_timeout=0.1,
+    )
+    cloud = viewer.scene.add_point_cloud("/cloud", np.zeros((50_000, 3), np.float32), (1, 2, 3), precision="float32")
+    with look(door.port) as reader:
+        for i in range(1, 100):
+            # Each is new, so that viser sends it, and as it is, so that it is known again.
+            newest = np.full((50_000, 3), i, np.float32)
+            cloud.points = newest
+            while newest.tobytes() not in reader.recv(10):
+                pass
+            if door.counts["viewer does not read: cut off"]:
+                break
+            time.sleep(0.02)
+        assert door.counts["viewer does not read: cut off"] == 1
+        wait_until(lambda: door.people["views"] == 1)
+        own = stuck.socket.getsockname()[1]
+
+        def connected() -> bool:
+            return any(other.raddr and other.raddr.port == own for other in psutil.Process().net_connections())
+
+        wait_until(lambda: not connected())
+    cloud.remove()
+    stuck.close()
