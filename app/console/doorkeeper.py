@@ -35,6 +35,8 @@ PUBLIC = frozenset(
     }
 )
 """What is served to anybody: nothing of the robot."""
+PAGES = ("/", "/sessions")
+"""What people open by its address: who has no session gets one, or is asked to sign in."""
 VIEW = "/viewer"
 TICKET_MARK = "~"
 
@@ -94,11 +96,11 @@ class Doorkeeper:
             return
         hand_out = ""
         visitor = self._visitor(scope)
-        if visitor is None and scope["path"] in ("/", "/stop") and (visitor := self._sessions.host()):
+        if visitor is None and scope["path"] in (*PAGES, "/stop") and (visitor := self._sessions.host()):
             # Without users the page itself hands out the session, and a program on this machine may STOP.
-            hand_out = self._cookie.header(visitor.session) if scope["path"] == "/" else ""
+            hand_out = self._cookie.header(visitor.session) if scope["path"] in PAGES else ""
         if visitor is None and scope["path"] not in PUBLIC:
-            if scope["type"] == "http" and scope["path"] == "/":
+            if scope["type"] == "http" and scope["path"] in PAGES:
                 await RedirectResponse("/sign-in", 303)(scope, receive, hardened(send))
             else:
                 await self._refuse("no session", 401, scope, receive, send)

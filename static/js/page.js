@@ -17,7 +17,7 @@ import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
 import { Tendons } from "./tendons.js";
 import { holdButton, stick } from "./touch.js";
-import { markers, showRecording } from "./recording.js";
+import { showRecording } from "./recording.js";
 import { showView } from "./view.js";
 import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
 
@@ -292,5 +292,4 @@ function showButtons(phase) {
   setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
-markers(ask);
 tabs();
