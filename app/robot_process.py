@@ -104,6 +104,7 @@ def run_robot(
             _announcing(link),
             _both(link.publish_heard, deeds.heard),
             poses,
+            link.publish_calibration,
         )
         poses.complain = loop.warn
         poses.start()

@@ -58,12 +58,12 @@ function showFacts(message) {
     return item;
   }));
   if (!first.events.length) byId("events").replaceChildren(make("li", "faint", "none"));
-  setText(byId("top-tension"), most(first.overview.tension_N, "N"));
+  setText(byId("top-tension"), most(first.overview.tension_N, " N"));
   setText(byId("top-bend"), most(first.overview.bend_deg, "°"));
   line.show(first, other);
 }
 
-const most = (values, unit) => (values.some(Number.isFinite) ? ` up to ${Math.max(...values).toFixed(1)} ${unit}` : "");
+const most = (values, unit) => (values.some(Number.isFinite) ? ` up to ${Math.max(...values).toFixed(1)}${unit}` : "");
 
 function draw(message) {
   state = message;
