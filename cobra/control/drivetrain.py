@@ -58,6 +58,12 @@ class Drivetrain:
         loads[self.tendon_index[known]] = measured[known]
         return loads
 
+    def speeds(self) -> Floats:
+        """Speed of each drive's travel, a second; zeros before the first feedback."""
+        if self.feedback is None:
+            return np.zeros(len(self.description.drives))
+        return self.feedback.velocity * self.transmission.travel_per_rad
+
     def measured_tensions(self) -> Floats:
         """(m,) what load cells measure of each tendon [N]; NaN where there is none that can be believed."""
         if self.feedback is None or not len(self.feedback.cells.tension):

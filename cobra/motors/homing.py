@@ -1,7 +1,7 @@
 """Find the zero of every tendon: pay out, wind to contact, let go, draw in together, tighten; take that as zero.
 
-Current alone is a poor witness (a jammed spool draws some too), so contact needs tension for a hold time, and travel and
-time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
+Current alone is a poor witness (a jammed spool draws some too), so contact needs tension and a drive at rest for a hold
+time, and travel and time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
 tendons are let go until the body is straight, and drawn in together: then all slide the same way, and equal tensions
 keep it straight. Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
 tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
@@ -32,6 +32,8 @@ MAX_WIND_M = 0.040
 CONTACT_FRACTION = 0.25
 """Of the pretension: a tendon that carries this much is wound far enough."""
 CONTACT_HOLD_S = 0.03
+AT_REST = 0.25
+"""Of the speed of winding: a drive that still turns faster has not met its tendon's pull."""
 TOUCH_FRACTION = 0.03
 """Of the pretension: less is none."""
 LOOSE_M = 0.002
@@ -96,6 +98,7 @@ class Homing:
         self._target = np.zeros(0)
         self._wound_from = np.zeros(0)
         self._contact = np.zeros(n)
+        self._turned = np.zeros(n)
         self._loose_from = np.zeros(n)
         self._free = np.zeros(n)
         """What each drive reads while it winds a slack tendon: friction, not tension."""
@@ -114,8 +117,8 @@ class Homing:
         """What it does now, in words."""
         return self._stage.value
 
-    def step(self, travel: Floats, load: Floats, dt_s: float) -> Floats:
-        """One tick: the next travel setpoint of all drives from the present one and the measured load.
+    def step(self, travel: Floats, load: Floats, speed: Floats, dt_s: float) -> Floats:
+        """One tick: the next travel setpoint of all drives from the present one, the measured load and speed of travel.
 
         Raises:
             HomingError: a tendon was wound too far without tension, or it takes too long.
@@ -133,7 +136,7 @@ class Homing:
             case _Stage.SLACK:
                 self._pay_out(self._start, reading, pretension, dt_s)
             case _Stage.WIND:
-                self._wind(reading, pretension, dt_s)
+                self._wind(reading, speed[self._index], pretension, dt_s)
             case _Stage.LET_GO:
                 self._let_go(reading + self._free, pretension, dt_s)
             case _Stage.DRAW:
@@ -158,13 +161,16 @@ class Homing:
             self._stage = _Stage.WIND
             self._wound_from = self._target.copy()
 
-    def _wind(self, tension: Floats, pretension: float, dt_s: float) -> None:
+    def _wind(self, tension: Floats, speed: Floats, pretension: float, dt_s: float) -> None:
         wound = (self._wound_from - self._target)[self._index]
-        free = wound <= FREE_M
+        # By what the drive did, not by what it was told: before it turns its reading is not that of winding.
+        self._turned = self._turned - np.minimum(speed, 0.0) * dt_s
+        free = self._turned <= FREE_M
         self._free = np.where(free, tension, np.minimum(self._free, tension))
         enough = np.maximum(CONTACT_FRACTION * pretension, CONTACT_COUNTS * self._count_N)
         touching = ~free & (tension - self._free >= enough)
-        self._contact = np.where(touching, self._contact + dt_s, 0.0)
+        resting = np.abs(speed) <= AT_REST * WIND_SPEED_M_S
+        self._contact = np.where(touching, self._contact + np.where(resting, dt_s, 0.0), 0.0)
         self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
         if np.any(wound > MAX_WIND_M + self._stroke_m):
             self._complain_of_slack(wound)
