@@ -35,11 +35,12 @@ def rerouted(description: RobotDescription, routes: Sequence[str]) -> RobotDescr
         name, _, rest = route.partition("=")
         if name not in buses:
             raise RouteError(f"--bus {route}: {description.name} has no bus {name!r}; it has {', '.join(buses)}")
-        buses[name] = _route(buses[name], rest, route)
+        buses[name] = route_of(buses[name], rest, route)
     return msgspec.structs.replace(description, buses=tuple(buses.values()))
 
 
-def _route(bus: Bus, rest: str, route: str) -> Bus:
+def route_of(bus: Bus, rest: str, route: str) -> Bus:
+    """The bus led to `INTERFACE:CHANNEL?OPTIONS`; `route` is what was given, for messages. Raises RouteError."""
     interface, _, where = rest.partition(":")
     channel, _, query = where.partition("?")
     if not interface or not channel:

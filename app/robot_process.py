@@ -18,14 +18,14 @@ from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from app.people.audit import AuditTrail
 from app.robot_deeds import RobotDeeds
-from app.twin_hand import TwinHand
+from app.simulated_robot import is_simulated, simulated
 from app.twin_pushes import TwinPushes
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
 from cobra.control.poses import PoseBook
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
-from cobra.description import Bus, RobotDescription
-from cobra.loading import description_text, load_description
+from cobra.description import RobotDescription
+from cobra.loading import description_text
 from cobra.messages import Event, Meta, Walls
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
@@ -69,7 +69,7 @@ def run_robot(
     Raises:
         DescriptionError, LinkError, BusError: with one clear line.
     """
-    description = rerouted(_simulated(robot, simulation), routes)
+    description = rerouted(simulated(robot, simulation), routes)
     logs.start(f"robot-{description.name}")
     ask_for_realtime(OTHERS_PRIORITY)
     if endpoint and not on_loopback(endpoint):
@@ -85,7 +85,7 @@ def run_robot(
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
-    believed = simulation.told(description) if _is_simulated(description) else description
+    believed = simulation.told(description) if is_simulated(description) else description
     with open_bus(description, clock, can_log) as bus:
         world = _world(description)
         link = RobotLink(
@@ -96,24 +96,22 @@ def run_robot(
             access,
             audit=lambda: msgspec.msgpack.encode(trail.tail()),
         )
-        hand = TwinHand(world.plant, description) if world and world.plant else None
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(
             believed,
             bus,
             clock,
-            _all(link.publish_state, deeds.state, *((hand.state,) if hand else ())),
+            _both(link.publish_state, deeds.state),
             _announcing(link),
-            _all(link.publish_heard, deeds.heard),
+            _both(link.publish_heard, deeds.heard),
             poses,
-            link.publish_calibration,
         )
         poses.complain = loop.warn
         poses.start()
         pushes = TwinPushes(world.plant, description, clock) if world and world.plant else None
         link.start(
             loop.inbox.command,
-            _all(loop.inbox.stop, deeds.stopped),
+            _both(loop.inbox.stop, deeds.stopped),
             loop.inbox.request,
             loop.inbox.length,
             pushes.take if pushes else None,
@@ -141,10 +139,10 @@ def run_robot(
     return 0
 
 
-def _all(*listeners: Callable[[T], None]) -> Callable[[T], None]:
+def _both(first: Callable[[T], None], second: Callable[[T], None]) -> Callable[[T], None]:
     def call(value: T) -> None:
-        for listen in listeners:
-            listen(value)
+        first(value)
+        second(value)
 
     return call
 
@@ -200,24 +198,6 @@ def _announcing(link: RobotLink) -> Callable[[Event], None]:
         log.log(levels.get(event.level, logging.INFO), event.text, extra={"stamp": event.stamp})
 
     return announce
-
-
-def _is_simulated(description: RobotDescription) -> bool:
-    return all(bus.interface == "cobra-sim" for bus in description.buses)
-
-
-def _simulated(robot: str, simulation: Simulation) -> RobotDescription:
-    """The description, with its simulated buses led to this robot's own world, simulated as wanted."""
-    description = load_description(robot)
-
-    def chosen(bus: Bus) -> Bus:
-        if bus.interface != "cobra-sim":
-            return bus
-        return msgspec.structs.replace(
-            bus, channel=f"{robot}#{bus.name}", options={**simulation.bus_options(), **bus.options}
-        )
-
-    return msgspec.structs.replace(description, buses=tuple(chosen(bus) for bus in description.buses))
 
 
 def _meta(robot: str, world: World | None) -> Meta:

@@ -297,6 +297,8 @@ class RobotDescription(_Part, frozen=True, kw_only=True):
     name: Name
     title: str
     summary: str = ""
+    serial: str = ""
+    """Of this very robot, where there are several alike: a calibration of another serial is not used."""
     backbone: Backbone
     sections: Annotated[tuple[Section, ...], Meta(min_length=1)]
     tendon: Tendon | None = None

@@ -18,7 +18,6 @@ from typing import NamedTuple, Protocol
 from app import logs, runtime
 from app.commands.command import as_options
 from app.console import listening
-from app.console.detail import Detail, rate_of
 from app.console.driver import Driver
 from app.console.front_door import FrontDoor
 from app.console.gamepad import Gamepad
@@ -34,7 +33,6 @@ from app.console.robot_keeper import RobotKeeper
 from app.console.seat import PAD, Seat
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
-from app.console.views import Views
 from app.metrics import Metrics
 from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
@@ -160,18 +158,12 @@ class Console:
             driver.wake()
 
         pad = Gamepad(on_change=pad_changed, clock=clock) if options.pad else None
-
-        def viewer(detail: Detail) -> Viewer:
-            rate_Hz = rate_of(detail, options.frame_rate_Hz)
-            made = Viewer(description, robot.latest, rate_Hz, detail, truth=robot.truth, push=robot.push)
-            made.sticks = lambda: pilot.frame
-            return made
-
-        views = Views(len(description.sections), viewer)
-        views.start()
+        viewer = Viewer(description, robot.latest, options.frame_rate_Hz, truth=robot.truth, push=robot.push)
+        viewer.sticks = lambda: pilot.frame
+        viewer.start()
         meta = robot.start()
         if meta.walls is not None:
-            views.surround(meta.walls, robot.touch)
+            viewer.surround(meta.walls, robot.touch)
         for warning in meta.notes:
             robot.warn(warning)
             print(f"cobra-teleop: {warning}", file=sys.stderr)
@@ -194,11 +186,10 @@ class Console:
         door = FrontDoor(
             options.host,
             port,
-            views.full.port,
+            viewer.port,
             session,
             sessions=welcome.sessions,
-            viewer_secret=views.full.secret,
-            thin_viewer=views.thin,
+            viewer_secret=viewer.secret,
             more=(
                 *pad_routes(pads, armed=lambda: _armed(robot)),
                 *recordings_routes((options.record_folder or storage.default_folder()).absolute()),
@@ -209,7 +200,7 @@ class Console:
         )
         door.start()
         runtime.register("console", description.name, door.url)
-        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), views, trail]
+        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer, trail]
         try:
             driver.start()
             if pad:

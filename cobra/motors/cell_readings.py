@@ -26,6 +26,9 @@ BELOW_NOTHING: Final = 0.05
 """Of the highest tension: a cell that reads further below zero is wrong, since no tendon can push."""
 BELOW_NOTHING_N: Final = 1.0
 
+MENDED_BY_TARING: Final = "tare it"
+"""What is wrong with a cell says so where only that helps."""
+
 Take = Callable[[bytes | bytearray], None]
 
 
@@ -125,10 +128,12 @@ class LoadCells:
         if noisy and cell.alike >= STUCK_READINGS and now - cell.alike_since_s >= STUCK_S:
             return "its reading does not change any more: check its amplifier"
         if cell.calibration is None:
-            return "not tared yet: slacken its tendon and tare it"
+            return f"not tared yet: slacken its tendon and {MENDED_BY_TARING}"
         least = -max(BELOW_NOTHING * self._highest_N, BELOW_NOTHING_N)
         if (tension := _tension(cell.calibration, cell.reading_N)) < least:
-            return f"reads {tension:.1f} N, which no tendon can: tare it again, or look at its wires"
+            return (
+                f"reads {tension:.1f} N, which no tendon can: slacken it and {MENDED_BY_TARING}, or look at its wires"
+            )
         return ""
 
 

@@ -16,9 +16,8 @@ import { PadSetup } from "./pad_setup.js";
 import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
 import { Tendons } from "./tendons.js";
-import { Thin } from "./thin.js";
 import { holdButton, stick } from "./touch.js";
-import { showRecording } from "./recording.js";
+import { markers, showRecording } from "./recording.js";
 import { showView } from "./view.js";
 import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
 
@@ -61,12 +60,6 @@ const link = new Link({
     }
     draw();
   },
-});
-
-let picture = null; // the 3D view
-const thin = new Thin(link, {
-  change: (yes) => picture?.thin(yes),
-  slow: () => showAnswer("The link does not carry the full view: this is the thin one, with less detail. Thin view switches back."),
 });
 
 const sticks = {};
@@ -201,7 +194,7 @@ document.addEventListener("visibilitychange", () => {
 });
 
 function view(ticketPath) {
-  picture = showView(ticketPath, link.view, thin.yes, {
+  showView(ticketPath, {
     stop,
     // A letting go that was meant for a control of this page but went to the 3D view.
     pointerUp: () => {
@@ -254,7 +247,7 @@ function draw() {
 
 function showQuality() {
   setText(byId("page-link"), link.connected ? link.quality.text() : "cut off");
-  const [level, words] = link.connected ? link.quality.verdict(link.age(), facts?.role !== "viewer" && driving.enabled) : ["", ""];
+  const [level, words] = link.connected ? link.quality.verdict() : ["", ""];
   byId("page-link").dataset.level = level;
   byId("page-link").title = `Round trip and its change; ${link.quality.lost} answers late or lost`;
   byId("slow").hidden = !words;
@@ -299,4 +292,5 @@ function showButtons(phase) {
   setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
+markers(ask);
 tabs();

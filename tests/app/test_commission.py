@@ -1,0 +1,127 @@
+"""`cobra-teleop motors …` against drives in another process, behind python-can's own slcan driver; and what it refuses."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app import runtime
+from app.cli import main
+from cobra.loading import description_text
+from tests.served import Drives
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drives]:
+    drives = Drives(tmp_path_factory.mktemp("drives"), "--slcan", "tcp:0", "--twin", "none")
+    yield drives
+    drives.end()
+
+
+@pytest.fixture(autouse=True)
+def own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COBRA_TELEOP_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("COBRA_TELEOP_DATA_DIR", str(tmp_path / "data"))
+
+
+def teleop(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    told = capsys.readouterr()
+    return int(ended.value.code or 0), told.out, told.err
+
+
+def test_a_bare_adapter_tells_who_is_there_and_moves_the_one_that_is_meant(
+    served: Drives, capsys: pytest.CaptureFixture[str]
+) -> None:
+    adapter = ("--interface", "slcan", "--channel", f"{served.channels['main']}?sleep_after_open=0")
+    status, out, _ = teleop(capsys, "motors", "scan", *adapter)
+    lines = [line.split() for line in out.splitlines()[1:]]
+    assert (status, [line[1] for line in lines]) == (0, [str(k) for k in range(1, 15)])
+    assert lines[0][3:5] == ["RMD", "v1"]
+    assert "36 V" in out
+    status, out, _ = teleop(capsys, "motors", "identify", "5", *adapter)
+    assert status == 0
+    assert "address 5" in out
+    assert "it swung 30.0 degrees by its own encoder" in out
+    status, _, err = teleop(capsys, "motors", "identify", "17", *adapter)
+    assert status == 2
+    assert "no motor answers to address 17" in err
+    assert "there answers 1, 2, 3" in err
+
+
+def test_a_described_robot_is_compared_with_who_answers(
+    served: Drives, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    robot = tmp_path / "cobra.toml"
+    robot.write_text(description_text("cobra").replace("address = 14", "address = 30"), "utf-8")
+    route = ("--robot", str(robot), "--bus", f"main=slcan:{served.channels['main']}?sleep_after_open=0")
+    status, out, _ = teleop(capsys, "motors", "scan", *route)
+    assert status == 2
+    assert "described, but silent: feed (address 30) on bus main" in out
+    assert "not described" in out
+    status, out, _ = teleop(capsys, "motors", "test", "twist", *route)
+    assert status == 0, out
+    assert "went right, then left by 2.0 degrees" in out
+    # Nothing hangs on these spools: that is said, and where to look.
+    status, out, _ = teleop(capsys, "motors", "test", "S1", *route)
+    assert status == 2
+    assert "30.0 mm wound in without tension" in out
+    status, _, err = teleop(capsys, "motors", "home", *route)
+    assert status == 2
+    assert "drive 'feed' (address 30 on bus 'main'" in err
+    assert "does not answer" in err
+
+
+def test_a_fault_on_the_way_ends_it_in_one_line(served: Drives, capsys: pytest.CaptureFixture[str]) -> None:
+    route = ("--bus", f"main=slcan:{served.channels['main']}?sleep_after_open=0")
+    served.make("stall N1")
+    status, _, err = teleop(capsys, "motors", "identify", "N1", "--degrees", "60", *route)
+    served.make("heal")
+    assert status == 2
+    assert "cobra-teleop: ended: drive N1" in err
+    assert "motors off" in err
+    assert "Traceback" not in err
+    status, out, _ = teleop(capsys, "motors", "off", *route)
+    assert (status, out) == (0, "all drives of cobra are off\n")
+
+
+def test_who_owns_the_motors_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    runtime.register("robot", "cobra", "tcp/127.0.0.1:1")
+    status, _, err = teleop(capsys, "motors", "identify", "S1", "--bus", "main=socketcan:can0")
+    assert status == 2
+    assert "the robot process of cobra runs" in err
+    assert "owns the motors" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("identify", "S9", "--twin", "none"), "cobra has no drive 'S9'"),
+        (("identify", "S1", "--twin", "none", "--degrees", "400"), "--degrees 400: must be over 0 and at most 90"),
+        (("home", "--runs", "0"), "--runs 0: must be 1 to 10"),
+        (("tare", "--twin", "none"), "cobra has no load cells"),
+        (("scan", "--interface", "socketcan"), "give both"),
+        (("scan", "--interface", "socketcan", "--channel", "can9"), "cannot be opened"),
+    ],
+)
+def test_what_cannot_be_is_one_line(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str) -> None:
+    status, _, err = teleop(capsys, "motors", *arguments)
+    assert status == 2
+    assert words in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.long
+def test_a_robot_is_homed_three_times_and_its_zeros_are_kept(tmp_path: Path) -> None:
+    """A process of its own, as a user runs it, on a twin in real time."""
+    command = [sys.executable, "-m", "app", "motors"]
+    done = subprocess.run([*command, "home"], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "largest spread 0." in done.stdout
+    listed = subprocess.run([*command, "calibrations"], capture_output=True, text=True, check=True, timeout=60)
+    assert "*    1" in listed.stdout
+    assert "14 zeros" in listed.stdout
