@@ -11,6 +11,7 @@ cobra/<robot>/stop      anybody → robot Stop
 cobra/<robot>/length    anybody → robot HandFedLength: what a measuring device reads, of a robot that is fed by hand
 cobra/<robot>/request   query           Request → Reply
 cobra/<robot>/meta      query           Meta
+cobra/<robot>/calibration   robot → recorders, and query   Calibration, whenever another one is in force
 cobra/<robot>/audit     query           the newest deeds of the audit trail
 cobra/<robot>/alive     liveliness token of the robot process
 cobra/<robot>/console/* liveliness tokens of its consoles
@@ -27,6 +28,7 @@ import zenoh
 from app.link_access import DIRECT, LinkAccess, LinkError, open_session
 from app.people.audit import Deed
 from cobra.messages import (
+    Calibration,
     Command,
     Event,
     HandFedLength,
@@ -80,6 +82,7 @@ class RobotLink:
         self._session: zenoh.Session | None = None
         self._consoles: set[str] = set()
         self._waiting: list[bytes] = []
+        self._calibration = b""
         self._history_due = 0.0
 
     @property
@@ -117,6 +120,7 @@ class RobotLink:
         self._event = session.declare_publisher(name("event"))
         self._history = session.declare_publisher(name("history"), congestion_control=zenoh.CongestionControl.DROP)
         self._heard = session.declare_publisher(name("heard"), congestion_control=zenoh.CongestionControl.DROP)
+        self._calibrated = session.declare_publisher(name("calibration"))
         self._truth = session.declare_publisher(name("truth"), congestion_control=zenoh.CongestionControl.DROP)
         self._subscribers = [
             session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
@@ -129,6 +133,7 @@ class RobotLink:
             ),
             session.declare_queryable(name("request"), request),
             session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
+            session.declare_queryable(name("calibration"), self._tell_calibration),
             session.declare_queryable(name("audit"), lambda query: query.reply(query.key_expr, self._audit())),
         ]
         self._token = session.liveliness().declare_token(name("alive"))
@@ -168,6 +173,15 @@ class RobotLink:
     def publish_heard(self, heard: Heard) -> None:
         if self._session is not None:
             self._heard.put(encode(heard))
+
+    def publish_calibration(self, calibration: Calibration) -> None:
+        self._calibration = encode(calibration)
+        if self._session is not None:
+            self._calibrated.put(self._calibration)
+
+    def _tell_calibration(self, query: zenoh.Query) -> None:
+        if self._calibration:
+            query.reply(query.key_expr, self._calibration)
 
     def publish_truth(self, data: bytes) -> None:
         if self._session is not None:
@@ -380,6 +394,10 @@ class Listener:
             self.stop()
             raise LinkError(f"robot {self._robot!r} does not answer on {self._endpoint}")
         return decode(data, Meta)
+
+    def calibration(self) -> bytes | None:
+        """The robot's newest `Calibration`, encoded; None when it has told none."""
+        return _ask(self._session, key(self._robot, "calibration"), b"") if self._session is not None else None
 
     def stop(self) -> None:
         session, self._session = self._session, None

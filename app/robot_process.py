@@ -19,6 +19,7 @@ from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from app.people.audit import AuditTrail
 from app.robot_deeds import RobotDeeds
 from app.simulated_robot import is_simulated, simulated
+from app.twin_hand import TwinHand
 from app.twin_pushes import TwinPushes
 from cobra.clock import SystemClock
 from cobra.control.loop import RobotLoop
@@ -96,22 +97,24 @@ def run_robot(
             access,
             audit=lambda: msgspec.msgpack.encode(trail.tail()),
         )
+        hand = TwinHand(world.plant, description) if world and world.plant else None
         poses = PoseBook(description, places.data_folder() / "poses" / f"{description.name}.json")
         loop = RobotLoop(
             believed,
             bus,
             clock,
-            _both(link.publish_state, deeds.state),
+            _all(link.publish_state, deeds.state, *((hand.state,) if hand else ())),
             _announcing(link),
-            _both(link.publish_heard, deeds.heard),
+            _all(link.publish_heard, deeds.heard),
             poses,
+            link.publish_calibration,
         )
         poses.complain = loop.warn
         poses.start()
         pushes = TwinPushes(world.plant, description, clock) if world and world.plant else None
         link.start(
             loop.inbox.command,
-            _both(loop.inbox.stop, deeds.stopped),
+            _all(loop.inbox.stop, deeds.stopped),
             loop.inbox.request,
             loop.inbox.length,
             pushes.take if pushes else None,
@@ -139,10 +142,10 @@ def run_robot(
     return 0
 
 
-def _both(first: Callable[[T], None], second: Callable[[T], None]) -> Callable[[T], None]:
+def _all(*listeners: Callable[[T], None]) -> Callable[[T], None]:
     def call(value: T) -> None:
-        first(value)
-        second(value)
+        for listen in listeners:
+            listen(value)
 
     return call
 

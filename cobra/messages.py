@@ -338,6 +338,31 @@ class Heard(Message, frozen=True, kw_only=True):
     """Of a flood: what arrived beside these in the same tick."""
 
 
+class DriveCalibration(Message, frozen=True, kw_only=True):
+    """What turns a drive's shaft and current into travel and load: m or rad of travel, N or N·m of load."""
+
+    travel_per_rad: float
+    load_per_A: float
+    zero_rad: float | None = None
+    """Angle of the shaft at which the travel is zero, as homing found it; None before that."""
+
+
+class Calibration(Message, frozen=True, kw_only=True):
+    """What the robot goes by now, beyond its description. Told whenever it changes."""
+
+    stamp: float
+    """Since when [s, robot's clock]."""
+    homed: bool
+    drives: dict[str, DriveCalibration]
+    """By name."""
+    source: str = ""
+    """Where the numbers of the tendons' losses come from, in words; empty where there are none."""
+    losses: dict[str, float | tuple[float, ...]] = {}
+    """Of the tendons, as in `cobra.mechanics.losses.Losses`."""
+    deviation: dict[str, float | tuple[float, ...]] = {}
+    """Standard deviation of each of them."""
+
+
 class Walls(Message, frozen=True, kw_only=True):
     """What surrounds a simulated robot, for the eye."""
 

@@ -6,7 +6,7 @@ from cobra.clock import ManualClock
 from cobra.control.loop import RobotLoop
 from cobra.description import RobotDescription
 from cobra.loading import load_description
-from cobra.messages import Command, Event, Intent, Reply, Request, RobotState, encode
+from cobra.messages import Calibration, Command, Event, Intent, Reply, Request, RobotState, encode
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.losses import Losses
 from cobra.simulation.options import Simulation, TwinKind
@@ -36,13 +36,21 @@ class Bench:
         self.clock = ManualClock()
         self.states: list[RobotState] = []
         self.events: list[Event] = []
+        self.calibrations: list[Calibration] = []
         self._sequence = 0
         self.mode = "section"
 
     def __enter__(self):
         self._bus = open_bus(self.description, self.clock)
         self._bus.open()
-        self.loop = RobotLoop(self.believed, self._bus, self.clock, self.states.append, self.events.append)
+        self.loop = RobotLoop(
+            self.believed,
+            self._bus,
+            self.clock,
+            self.states.append,
+            self.events.append,
+            calibrated=self.calibrations.append,
+        )
         reply = self.ask(Request(what="acquire", who="test"))
         self.lease, self.epoch = reply.lease, reply.epoch
         return self

@@ -28,7 +28,6 @@ def facts(description: RobotDescription = COBRA, text: str | None = None, **more
         channels.DESCRIPTION: (text or description_text(description.name)).encode(),
         channels.VERSIONS: b'{"cobra-teleop": "0.1.0"}',
         channels.SETTINGS: b"{}",
-        channels.CALIBRATION: b"{}",
     }
     return Facts(description.name, description, content | more)
 

@@ -281,7 +281,10 @@ class Page:
 
         def pressed() -> bool:
             self.release()
-            wait_for("the release", lambda: self.snapshot["phase"] in ("ready", "holding"), timeout_s)
+            # The robot must have heard of the release: one that is pressed over within a period was never sent.
+            sent = self._sequence
+            wait_for("the release", lambda: self._sequence > sent + 1, timeout_s)
+            wait_for("standing still", lambda: self.snapshot["phase"] in ("ready", "holding"), timeout_s)
             self.hold()
             with contextlib.suppress(AssertionError):
                 self.until_phase("driving", 2.0)

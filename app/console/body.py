@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.console.detail import FULL, Detail
 from app.console.meshes import Floats, Indices, quaternions, sweep, sweep_faces, unit_circle
-from cobra.description import RobotDescription
+from cobra.description import RobotDescription, Section
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import FEED
 
-RINGS_PER_SECTION = 16
-"""A bend of 90° is drawn in steps of under 6°."""
-SIDES = 16
-CAP_RINGS = 6
+CAP_LENGTH = 1.0 / 32.0
+"""Of the rounded tip, in sections."""
 TENDON_WIDTH = 2.0
 """Tendons are drawn this much thicker than they are: 0.36 mm is less than a pixel."""
 VERTEBRA_FILL = 0.38
@@ -46,8 +45,9 @@ class Pose:
 class Body:
     """What is drawn of one robot, and where it is at q."""
 
-    def __init__(self, description: RobotDescription, hidden_length_m: float) -> None:
+    def __init__(self, description: RobotDescription, hidden_length_m: float, detail: Detail = FULL) -> None:
         """`hidden_length_m`: how much of the body is drawn behind the entry port."""
+        self._detail = detail
         self.description = description
         self.backbone = Backbone(description)
         self.hidden_length_m = hidden_length_m
@@ -57,13 +57,13 @@ class Body:
         # The tendons lie on the drawn tube, at the radius at which they run.
         self.tube_radius_m = min([self.radius_m, *(radius - 0.5 * self.tendon_width_m for radius in routed)])
         self.sections = len(description.sections)
-        self._rings = np.linspace(0.0, self.sections, self.sections * RINGS_PER_SECTION + 1)
+        self._rings = np.linspace(0.0, self.sections, self.sections * detail.rings + 1)
         last = description.sections[-1]
         self._head_length_m = min(HEAD_LENGTH * self.radius_m, 0.5 * last.length_m, last.length_m / last.vertebrae)
         self._vertebrae = self._vertebra_places()
         # A full-width sleeve behind the active segment, a doubled ring for its crisp edge, and a rounded cap at the tip.
-        rounding = np.linspace(0.0, np.pi / 2.0, CAP_RINGS)
-        self._cap = 0.5 * (1.0 - np.sin(rounding)) / RINGS_PER_SECTION
+        rounding = np.linspace(0.0, np.pi / 2.0, detail.cap_rings)
+        self._cap = CAP_LENGTH * (1.0 - np.sin(rounding))
         self._radii = np.concatenate(
             [
                 [self.radius_m, self.radius_m, self.radius_m, self.tube_radius_m],
@@ -71,19 +71,19 @@ class Body:
                 self.tube_radius_m * np.cos(rounding),
             ]
         )
-        self._circle = unit_circle(SIDES)
+        self._circle = unit_circle(detail.sides)
         self._segment_rings, self._offsets, self.segment_tendon = self._tendon_segments()
 
     @property
     def tube_faces(self) -> Indices:
         """Triangles of `Pose.tube` and of `tube`."""
-        return sweep_faces(len(self._radii), SIDES)
+        return sweep_faces(len(self._radii), self._detail.sides)
 
     @property
     def vertebra_sizes(self) -> Floats:
         """(vertebrae, 3): radius across, twice, and length along each vertebra and collar [m]."""
         pitch = np.array([section.length_m / section.vertebrae for section in self.description.sections])
-        vertebrae = np.repeat(VERTEBRA_FILL * pitch, [section.vertebrae for section in self.description.sections])
+        vertebrae = np.repeat(VERTEBRA_FILL * pitch, [self._drawn(section) for section in self.description.sections])
         radius = np.concatenate([np.full(len(vertebrae), self.radius_m), np.full(self.sections, 1.04 * self.radius_m)])
         collars = np.concatenate([COLLAR_FILL * pitch[:-1], [self._head_length_m]])
         return np.stack([radius, radius, np.concatenate([vertebrae, collars])], axis=1)
@@ -122,11 +122,15 @@ class Body:
         vertebrae = np.interp(self._vertebrae, places, ends)
         return np.maximum(tube, back), np.maximum(rings, back), np.maximum(vertebrae, back)
 
+    def _drawn(self, section: Section) -> int:
+        """How many vertebrae of a section are drawn."""
+        return section.vertebrae if self._detail.vertebrae else 0
+
     def _vertebra_places(self) -> Floats:
         """Places of the vertebrae and then of the collars, in sections from the base."""
         # Guiders stand at the ends of their chambers; other vertebrae are drawn in the middle of their pitch.
         middles = [
-            i + (np.arange(s.vertebrae) + (1.0 if s.elongation else 0.5)) / s.vertebrae
+            i + (np.arange(self._drawn(s)) + (1.0 if s.elongation else 0.5)) / s.vertebrae
             for i, s in enumerate(self.description.sections)
         ]
         head = self.sections - 0.5 * self._head_length_m / self.description.sections[-1].length_m
@@ -139,7 +143,7 @@ class Body:
         for i, section in enumerate(self.description.sections):
             if section.routing is None:
                 continue
-            starts = np.arange((i + 1) * RINGS_PER_SECTION)
+            starts = np.arange((i + 1) * self._detail.rings)
             for azimuth in np.radians(section.routing.azimuths_deg):
                 rings.append(np.stack([starts, starts + 1], axis=1))
                 offset = section.routing.radius_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])

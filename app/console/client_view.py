@@ -40,15 +40,18 @@ class ClientView:
         sticks: Callable[[], StickFrame] = lambda: "world",
         *,
         tip_only: bool = False,
+        plot: bool = True,
         looks_only: bool = False,
     ) -> None:
         """`sticks` tells by which view the driver's sticks go; `tip_only`: the camera rides on the tip for good;
+        `plot`: with a live plot;
         `looks_only`: nothing of this client's reaches us but its camera, so it gets no controls."""
         self._sticks = sticks
         self._follows = not tip_only
         self._camera: tuple[str, float] = (FREE, 0.0)
         self._tip_only = tip_only
         self._looks_only = looks_only
+        self._plots = plot
         self._plot: viser.GuiUplotHandle | None = None
         self._client = client
         self._description = description
@@ -80,6 +83,8 @@ class ClientView:
                 box = gui.add_checkbox(label, self._wanted[part])
                 box.on_update(self._box_changed(part))
                 self._show(part)
+        if not self._plots:
+            return
         with self._panels.plot_tab:
             titles = [channel.title for channel in self._history.channels]
             self._choice = gui.add_dropdown("last 20 s", titles)

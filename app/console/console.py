@@ -18,6 +18,7 @@ from typing import NamedTuple, Protocol
 from app import logs, runtime
 from app.commands.command import as_options
 from app.console import listening
+from app.console.detail import Detail, rate_of
 from app.console.driver import Driver
 from app.console.front_door import FrontDoor
 from app.console.gamepad import Gamepad
@@ -33,6 +34,7 @@ from app.console.robot_keeper import RobotKeeper
 from app.console.seat import PAD, Seat
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
+from app.console.views import Views
 from app.metrics import Metrics
 from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
@@ -158,12 +160,18 @@ class Console:
             driver.wake()
 
         pad = Gamepad(on_change=pad_changed, clock=clock) if options.pad else None
-        viewer = Viewer(description, robot.latest, options.frame_rate_Hz, truth=robot.truth, push=robot.push)
-        viewer.sticks = lambda: pilot.frame
-        viewer.start()
+
+        def viewer(detail: Detail) -> Viewer:
+            rate_Hz = rate_of(detail, options.frame_rate_Hz)
+            made = Viewer(description, robot.latest, rate_Hz, detail, truth=robot.truth, push=robot.push)
+            made.sticks = lambda: pilot.frame
+            return made
+
+        views = Views(len(description.sections), viewer)
+        views.start()
         meta = robot.start()
         if meta.walls is not None:
-            viewer.surround(meta.walls, robot.touch)
+            views.surround(meta.walls, robot.touch)
         for warning in meta.notes:
             robot.warn(warning)
             print(f"cobra-teleop: {warning}", file=sys.stderr)
@@ -186,10 +194,11 @@ class Console:
         door = FrontDoor(
             options.host,
             port,
-            viewer.port,
+            views.full.port,
             session,
             sessions=welcome.sessions,
-            viewer_secret=viewer.secret,
+            viewer_secret=views.full.secret,
+            thin_viewer=views.thin,
             more=(
                 *pad_routes(pads, armed=lambda: _armed(robot)),
                 *recordings_routes((options.record_folder or storage.default_folder()).absolute()),
@@ -200,7 +209,7 @@ class Console:
         )
         door.start()
         runtime.register("console", description.name, door.url)
-        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), viewer, trail]
+        parts: list[_Part] = [door, session, driver, *([pad] if pad else []), views, trail]
         try:
             driver.start()
             if pad:

@@ -2,7 +2,9 @@
 
 import contextlib
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
@@ -17,6 +19,9 @@ VISITOR = "visitor"
 """Where in an ASGI scope the `Visitor` is found behind this door."""
 PRESENT = "present"
 """And a function that gives the visitor as of now: with another role by then, or None when the session is over."""
+CUT = "cut"
+"""And one that ends the connection without a farewell, for who does not read it."""
+Address = tuple[str, int]
 PUBLIC = frozenset(
     {
         "/sign-in",
@@ -30,6 +35,8 @@ PUBLIC = frozenset(
     }
 )
 """What is served to anybody: nothing of the robot."""
+PAGES = ("/", "/sessions")
+"""What people open by its address: who has no session gets one, or is asked to sign in."""
 VIEW = "/viewer"
 TICKET_MARK = "~"
 
@@ -68,8 +75,15 @@ class Doorkeeper:
     """
 
     def __init__(
-        self, app: ASGIApp, names: frozenset[str], sessions: Sessions, cookie: Cookie, refused: Counter[str]
+        self,
+        app: ASGIApp,
+        names: frozenset[str],
+        sessions: Sessions,
+        cookie: Cookie,
+        refused: Counter[str],
+        cut: Callable[[Address], None],
     ) -> None:
+        self._cut = cut
         self._app = app
         self._names = names
         self._sessions = sessions
@@ -82,11 +96,11 @@ class Doorkeeper:
             return
         hand_out = ""
         visitor = self._visitor(scope)
-        if visitor is None and scope["path"] in ("/", "/stop") and (visitor := self._sessions.host()):
+        if visitor is None and scope["path"] in (*PAGES, "/stop") and (visitor := self._sessions.host()):
             # Without users the page itself hands out the session, and a program on this machine may STOP.
-            hand_out = self._cookie.header(visitor.session) if scope["path"] == "/" else ""
+            hand_out = self._cookie.header(visitor.session) if scope["path"] in PAGES else ""
         if visitor is None and scope["path"] not in PUBLIC:
-            if scope["type"] == "http" and scope["path"] == "/":
+            if scope["type"] == "http" and scope["path"] in PAGES:
                 await RedirectResponse("/sign-in", 303)(scope, receive, hardened(send))
             else:
                 await self._refuse("no session", 401, scope, receive, send)
@@ -94,6 +108,7 @@ class Doorkeeper:
         session = visitor.session if visitor else ""
         scope[VISITOR] = visitor
         scope[PRESENT] = lambda: self._sessions.find(session)
+        scope[CUT] = partial(self._cut, scope["client"])
         await self._app(scope, receive, hardened(send, hand_out))
 
     async def _refuse(self, why: str, status: int, scope: Scope, receive: Receive, send: Send) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Unpack
 
 import msgspec
@@ -77,6 +77,7 @@ class FrontDoor(WebServer):
         viewer_port: where viser listens on loopback.
         session: what answers the pages.
         viewer_secret: what viser wants to see of whoever connects to it.
+        thin_viewer: gives port and secret of a second viser, for slow links; None: there is none.
         door: names, TLS and sessions, as `WebServer` takes them.
         more: further routes, such as those of the recordings.
         metrics: what Prometheus may scrape; None serves none.
@@ -90,14 +91,15 @@ class FrontDoor(WebServer):
         session: PageSession,
         more: Sequence[BaseRoute] = (),
         viewer_secret: str = "",
+        thin_viewer: Callable[[], tuple[int, str]] | None = None,
         metrics: Metrics | None = None,
         **door: Unpack[Door],
     ) -> None:
         super().__init__(host, port, **door)
         self.signing.on_session = session.note_session
         self._session = session
-        self._pages = PageSocket(session)
-        self._proxy = ViewerProxy(viewer_port, viewer_secret)
+        self._proxy = ViewerProxy(viewer_port, viewer_secret, thin_viewer)
+        self._pages = PageSocket(session, behind=self._proxy.behind)
         self._more = more
         self._metrics = metrics
 

@@ -9,7 +9,7 @@ import inspect
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Container
 from itertools import count
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
@@ -17,16 +17,16 @@ import msgspec
 from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from app.console.doorkeeper import PRESENT, VISITOR, view_path
+from app.console.doorkeeper import CUT, PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
+from app.console.snapshots import PERIOD_S, THIN_PERIOD_S, Changes, Snapshots
 from app.people.audit import Deed
 from app.people.roles import at_least, may_ask
 from app.people.sessions import Visitor
 
 MAX_MESSAGE_BYTES = 4096
-SNAPSHOT_PERIOD_S = 0.05
 SILENCE_S = 0.2
 """A page that drives and is not heard for this long is released."""
 LAST_LOOK_S = 0.01
@@ -142,21 +142,34 @@ class _Ping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="ping")
     stamp: float
 
 
-_decoder = msgspec.json.Decoder(_ControlsMessage | _Act | _Ping)
+class _Pace(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="pace"):
+    thin: bool
+    """Whether the page's link is slow: it wants what changed, less often."""
+    view: Annotated[str, Meta(max_length=40)] = ""
+    """By which word of its own the page's 3D views are known."""
+
+
+_decoder = msgspec.json.Decoder(_ControlsMessage | _Act | _Ping | _Pace)
 
 
 class PageSocket:
     """All pages that are open. `counts` holds what was dropped, by reason."""
 
-    def __init__(self, session: PageSession, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        session: PageSession,
+        now: Callable[[], float] = time.monotonic,
+        behind: Container[str] = frozenset(),
+    ) -> None:
+        """`behind`: pages whose 3D views are more than their links carry."""
+        self.behind = behind
         self.session = session
         self.now = now
         self.counts: Counter[str] = Counter()
         self.pages = 0
         self._names = (f"page {number}" for number in count(1))
         self._stops: deque[tuple[str, int | None]] = deque(maxlen=32)
-        self._snapshot = ""
-        self._snapshot_at = float("-inf")
+        self._snapshots = Snapshots(lambda: {**session.snapshot(), "page_drops": dict(self.counts)}, now)
 
     async def serve(self, websocket: WebSocket) -> None:
         """Serve one page until it closes."""
@@ -205,20 +218,12 @@ class PageSocket:
             # Sending waits for a slow page, so it gets fewer snapshots and never an old one.
             try:
                 async with asyncio.timeout(STUCK_S):
-                    await websocket.send_text(self._newest_snapshot())
+                    await websocket.send_text(page.news(self._snapshots))
             except TimeoutError:
                 self.counts["page does not read: cut off"] += 1
+                websocket.scope[CUT]()
                 raise WebSocketDisconnect(1008) from None
-            await asyncio.sleep(SNAPSHOT_PERIOD_S)
-
-    def _newest_snapshot(self) -> str:
-        """One snapshot serves all pages."""
-        now = self.now()
-        if now - self._snapshot_at > 0.8 * SNAPSHOT_PERIOD_S:
-            self._snapshot_at = now
-            snapshot = {**self.session.snapshot(), "type": "snapshot", "stamp": now, "page_drops": dict(self.counts)}
-            self._snapshot = _text(snapshot)
-        return self._snapshot
+            await asyncio.sleep(THIN_PERIOD_S if page.thin else PERIOD_S)
 
 
 class _Page:
@@ -233,6 +238,17 @@ class _Page:
         self._must_release = True
         self._silence: asyncio.TimerHandle | None = None
         self._requests = 0
+        self._changes: Changes | None = None
+        self._view = ""
+
+    @property
+    def thin(self) -> bool:
+        """Whether it asked for little."""
+        return self._changes is not None
+
+    def news(self, snapshots: Snapshots) -> str:
+        """What it is sent next."""
+        return self._changes.since(snapshots.parts(), self._socket.now()) if self._changes else snapshots.whole()
 
     async def listen(self, group: asyncio.TaskGroup) -> None:
         """Take what the page sends until it closes."""
@@ -253,7 +269,11 @@ class _Page:
                     else:
                         self._count("too many requests at once")
                 case _Ping(stamp=stamp):
-                    await self._websocket.send_text(_text({"type": "pong", "stamp": stamp}))
+                    # `now` lets the page tell how old what it shows is, whatever its own clock says.
+                    pong = {"now": self._socket.now(), "behind": self._view in self._socket.behind}
+                    await self._websocket.send_text(_text({"type": "pong", "stamp": stamp, **pong}))
+                case _Pace(thin=thin, view=view):
+                    self._changes, self._view = Changes() if thin else None, view
 
     async def end_with_session(self) -> None:
         """Close the page when its session is over, or is worth another role by now."""
@@ -282,7 +302,7 @@ class _Page:
     def _count(self, reason: str) -> None:
         self._socket.counts[reason] += 1
 
-    def _decode(self, received: Any) -> _ControlsMessage | _Act | _Ping | None:
+    def _decode(self, received: Any) -> _ControlsMessage | _Act | _Ping | _Pace | None:
         text = received.get("text")
         if text is None:
             self._count("binary message")
@@ -291,7 +311,7 @@ class _Page:
             self._count("oversized message")
             return None
         try:
-            message: _ControlsMessage | _Act | _Ping = _decoder.decode(data)
+            message: _ControlsMessage | _Act | _Ping | _Pace = _decoder.decode(data)
         except msgspec.ValidationError:
             self._count("message out of range or of no known kind")
         except (msgspec.DecodeError, RecursionError):

@@ -12,6 +12,7 @@ import viser
 
 from app.console import appearance
 from app.console.body import Body, Pose
+from app.console.detail import FULL, Detail
 from app.console.meshes import Floats, lathe, single
 from app.console.motion_view import PATH, TARGET, WORKSPACE
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
@@ -21,11 +22,8 @@ from cobra.messages import Drives, Rigidity, RobotState, tensions_of
 
 MESSAGES_PER_FRAME = 8
 TRAIL_S = 20.0
-TRAIL_POINTS = 100
 GHOST_SCALE = 0.97
 """A hair thinner than the measured tube: it shows only where command and measurement differ."""
-SLOW_EVERY = 3
-"""Tension colours and trail take turns on every third frame."""
 
 Parts = dict[str, tuple[str, str]]
 LATER = frozenset(field.name for field in msgspec.structs.fields(Drives) if not field.required)
@@ -56,17 +54,18 @@ class BadStateError(ValueError):
 class Scene:
     """One robot in one viser server. `start()` builds it, `update()` draws a state, `stop()` takes it away."""
 
-    def __init__(self, server: viser.ViserServer, description: RobotDescription) -> None:
+    def __init__(self, server: viser.ViserServer, description: RobotDescription, detail: Detail = FULL) -> None:
+        self._detail = detail
         self._server = server
         self._description = description
-        self.body = Body(description, introducer_length_m(description))
+        self.body = Body(description, introducer_length_m(description), detail)
         self.tip_position, self.tip_rotation = np.zeros(3), np.eye(3)
         """(3,) [m] and (3, 3): where the tip was drawn last."""
         self.twist_rad = 0.0
         """Of the base as it was drawn last."""
         self._frame = 0
         self._commanded: tuple[float, ...] = ()
-        self._trail: deque[tuple[float, Floats]] = deque(maxlen=TRAIL_POINTS)
+        self._trail: deque[tuple[float, Floats]] = deque(maxlen=detail.trail_points)
         self._live: bool | None = None
         self._rigidity: Rigidity = "none"
 
@@ -102,17 +101,18 @@ class Scene:
                 self._draw(self.body.pose(measured), state.stamp)
                 self.twist_rad = float(measured[TWIST])
             self._ghost.visible = commanded is not None
-            if commanded is not None and state.commanded != self._commanded:
+            due = self._frame % self._detail.ghost_every == 0
+            if commanded is not None and due and state.commanded != self._commanded:
                 self._ghost.vertices = single(self.body.tube(commanded, GHOST_SCALE))
-            self._commanded = state.commanded
+                self._commanded = state.commanded
             known = state.homed and measured is not None
             if not known:
                 self._trail.clear()
             self._set_live(known, "not homed: the shape is not known")
             self._show_rigidity(state.lock.status)
-            if known and self._frame % SLOW_EVERY == 0:
+            if known and self._frame % self._detail.slow_every == 0:
                 self._color_tendons(tensions)
-            if self._frame % SLOW_EVERY == 1:
+            if self._frame % self._detail.slow_every == 1:
                 self._draw_trail()
         self._frame += 1
 
@@ -155,7 +155,7 @@ class Scene:
         self.tip_position, self.tip_rotation = pose.tip_position, pose.tip_rotation
         if self._trail and stamp < self._trail[-1][0]:
             self._trail.clear()  # another run of the robot process
-        if not self._trail or stamp - self._trail[-1][0] >= TRAIL_S / TRAIL_POINTS:
+        if not self._trail or stamp - self._trail[-1][0] >= TRAIL_S / self._detail.trail_points:
             self._trail.append((stamp, pose.tip_position))
 
     def _draw_trail(self) -> None:
@@ -164,7 +164,7 @@ class Scene:
         oldest = self._trail[-1][0] - TRAIL_S
         places = [place for stamp, place in self._trail if stamp >= oldest] + [self.tip_position]
         # Always the same number of points, so that their fading colours are sent once.
-        places = [places[0]] * (TRAIL_POINTS + 1 - len(places)) + places
+        places = [places[0]] * (self._detail.trail_points + 1 - len(places)) + places
         points = np.array(places)
         self._trail_lines.points = np.stack([points[:-1], points[1:]], axis=1)
 
@@ -243,7 +243,9 @@ class Scene:
             np.stack([colors, colors], axis=1),
             thickness=0.2 * radius,
         )
-        self._unit_cone, faces = lathe(((0.3 * radius, 0.4 * radius), (9.0 * radius, 4.5 * radius)), 48)
+        self._unit_cone, faces = lathe(
+            ((0.3 * radius, 0.4 * radius), (9.0 * radius, 4.5 * radius)), self._detail.cone_sides
+        )
         self._cone = scene.add_mesh_simple(
             f"{PARTS['frame'][0]}/cone",
             self._cone_vertices(pose),
@@ -275,10 +277,10 @@ class Scene:
             receive_shadow=False,
             visible=False,
         )
-        colors = appearance.linear(appearance.fading(appearance.TRAIL, TRAIL_POINTS + 1))
+        colors = appearance.linear(appearance.fading(appearance.TRAIL, self._detail.trail_points + 1))
         self._trail_lines = scene.add_line_segments(
             PARTS["trail"][0],
-            np.tile(pose.tip_position, (TRAIL_POINTS, 2, 1)),
+            np.tile(pose.tip_position, (self._detail.trail_points, 2, 1)),
             np.stack([colors[:-1], colors[1:]], axis=1),
             thickness=0.22 * self.body.radius_m,
         )

@@ -42,6 +42,8 @@ from cobra.messages import Reply, Request, RobotState, Tendons, tensions_of
 
 SHOWN_EVENTS = 24
 STALE_S = 0.5
+DIGITS = 4
+"""After the point, of numbers in mm, degrees, N, s and ms."""
 
 
 class ConsoleSession:
@@ -325,8 +327,8 @@ def _cause(state: RobotState | None, present: bool) -> str:
 
 
 def _number(value: float) -> float | None:
-    """JSON has no NaN: what is not known is null."""
-    return float(value) if math.isfinite(value) else None
+    """JSON has no NaN: what is not known is null. Nobody reads more digits, and they would be half of what is sent."""
+    return round(float(value), DIGITS) if math.isfinite(value) else None
 
 
 def _yes() -> Answer:

@@ -17,16 +17,18 @@ import viser
 from viser import _messages
 
 from app.console.client_view import ClientView
+from app.console.detail import FULL, Detail
 from app.console.meshes import Floats
 from app.console.motion_view import MotionView
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
 from app.console.prediction import PredictedView, Prediction
-from app.console.scene import EXTRA_PARTS, PARTS, SLOW_EVERY, BadStateError, Parts, Scene
+from app.console.scene import EXTRA_PARTS, PARTS, BadStateError, Parts, Scene
 from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
 from app.console.viewer_proxy import ROLE_HEADER, VIEW_HEADER
+from app.console.viser_backlog import join_at_once
 from cobra.clock import Clock, SystemClock
 from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
@@ -34,7 +36,6 @@ from cobra.messages import Push, RobotState, Touch, Walls
 
 log = logging.getLogger("cobra.viewer")
 HOST = "127.0.0.1"
-PANEL_PERIOD_S = 0.2
 WALLS_EVERY = 3
 """Contacts are drawn every so many frames."""
 SHEATH = 1.15
@@ -51,6 +52,7 @@ class Viewer:
         description: RobotDescription,
         latest: Callable[[], RobotState | None],
         rate_Hz: float = 30.0,
+        detail: Detail = FULL,
         clock: Clock | None = None,
         stale_s: float = STALE_S,
         truth: Callable[[], bytes | None] = lambda: None,
@@ -67,6 +69,7 @@ class Viewer:
         self._twin: TwinView | None = None
         self._predicted: PredictedView | None = None
         self._description = description
+        self._detail = detail
         self._latest = latest
         self._period_s = 1.0 / rate_Hz
         self._clock = clock or SystemClock()
@@ -122,7 +125,7 @@ class Viewer:
         """Open viser and build the view, without a thread: `step` draws."""
         self._quit.clear()
         self._server = _private_server(self.secret)
-        self._scene = Scene(self._server, self._description)
+        self._scene = Scene(self._server, self._description, self._detail)
         self._panels = Panels(self._server, self._description)
         self._history = History(self._description)
         self._scene.start()
@@ -170,7 +173,7 @@ class Viewer:
         self._frames.append(now)
         self._counted("twin", partial(self._draw_twin, now))
         self._number += 1
-        slow = self._number % SLOW_EVERY == 2
+        slow = self._number % self._detail.slow_every == 2
         if drawn is not None and self._predicted is not None and slow and self._wanted("predicted"):
             self._counted("prediction", partial(self._predicted.update, drawn, self._pushes()))
         if drawn is not None and self._motion is not None and slow:
@@ -183,7 +186,7 @@ class Viewer:
             self._counted("walls", lambda: walls.update(touch))
         panels = now >= self._next_panels
         if panels:
-            self._next_panels = now + PANEL_PERIOD_S
+            self._next_panels = now + self._detail.panel_period_s
             self._counted("panels", lambda: self._panels.update(self._shown, self._timing(now)))
         for number, view in list(self._clients.items()):
             self._counted("viewer", partial(view.update, panels), number)
@@ -261,6 +264,7 @@ class Viewer:
             self._parts(),
             self.sticks,
             tip_only=headers.get(VIEW_HEADER) == "tip",
+            plot=self._detail.plot,
             looks_only=headers.get(ROLE_HEADER) == "viewer",
         )
 
@@ -315,4 +319,5 @@ def _private_server(secret: str) -> viser.ViserServer:
         server = viser.ViserServer(host=HOST, port=0, verbose=False)
     for request in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(request)
+    join_at_once(server)
     return server

@@ -6,11 +6,13 @@ public tunnel; so a frame passes only if its kind is on the list of the sender's
 
 import asyncio
 import socket
+import time
 from collections import Counter
 from collections.abc import Callable
 
 import httpx
 import msgspec
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -18,7 +20,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
-from app.console.doorkeeper import PRESENT, VISITOR
+from app.console.doorkeeper import CUT, PRESENT, VISITOR
 from app.people.roles import Role, at_least
 from app.people.sessions import Visitor
 
@@ -72,9 +74,21 @@ SECRET_HEADER = "x-cobra-secret"
 """What viser wants to see of whoever connects: other users of this machine do not know it."""
 ROLE_HEADER, VIEW_HEADER = "x-cobra-role", "x-cobra-view"
 """Tell viser's side who looks, and which view the path asks for."""
-VIEWS = ("tip",)
-"""Under these paths viser's page is found again; the client is told which one it came by."""
+THIN, TIP = "thin", "tip"
+VIEWS = ("", THIN, TIP, f"{THIN}/{TIP}")
+"""Under these paths viser's page is found: in full or thin, from outside or from the tip."""
 SESSION_CHECK_S = 1.0
+STUCK_S = 10.0
+"""A viewer that takes nothing for this long is cut off; one that lives connects again by itself."""
+SLOWEST_B_S = 5e3
+"""It has longer for what is large: a link that carries less than this shows nothing anyway."""
+WATCH_S = 3.0
+BLOCKED_SHARE = 0.5
+"""A link that had to be waited for so much of the last `WATCH_S` does not carry what it is given."""
+PAGE_MARK = "p-"
+"""In a view's path: which page it is in, by a word of that page's own."""
+KEPT = {"cache-control": "private, max-age=86400"}
+"""viser's page is 800 kB and the same for all views; its address, with a ticket of the session, is not found again."""
 Present = Callable[[], Visitor | None]
 NO_CODE = (1005, 1006, 1015)
 """Close codes that say that none was received; they must not be sent."""
@@ -98,40 +112,50 @@ def may_pass(frame: bytes | str, role: Role) -> bool:
 class ViewerProxy:
     """Forwards `/viewer/` to viser on a port of loopback. `counts` holds what was not forwarded, by reason."""
 
-    def __init__(self, viewer_port: int, secret: str = "") -> None:
+    def __init__(self, viewer_port: int, secret: str = "", thin: Callable[[], tuple[int, str]] | None = None) -> None:
+        """`thin` gives port and secret of a viser server with less in it, and may block; None: all get the full one."""
         self.counts: Counter[str] = Counter()
         self.viewers = 0
-        self._port = viewer_port
-        self._secret = secret
+        self._full = viewer_port, secret
+        self._thin = thin
+        self.behind: Counter[str] = Counter()
+        """Views that their links do not carry, by the pages that they are in."""
 
     async def page(self, request: Request) -> Response:
         """viser's files; its page with a script of ours ahead of its own."""
         path = request.path_params.get("path", "")
-        path = "" if path.rstrip("/") in VIEWS else path
+        words = [word for word in path.split("/") if word and not word.startswith(PAGE_MARK)]
+        path = "" if "/".join(words) in VIEWS else path
+        port, secret = self._full  # their pages are the same
         if ".." in path.replace("\\", "/").split("/"):
             return Response("Not found", 404)
         # A client for each request: the page is loaded once in hours. Plain HTTP, so no TLS context has to be built.
         async with httpx.AsyncClient(trust_env=False, verify=False) as client:
             try:
                 found = await client.get(
-                    httpx.URL(f"http://127.0.0.1:{self._port}", path=f"/{path}"),
-                    headers={"accept-encoding": "identity", SECRET_HEADER: self._secret},
+                    httpx.URL(f"http://127.0.0.1:{port}", path=f"/{path}"),
+                    headers={"accept-encoding": "identity", SECRET_HEADER: secret},
                 )
             except httpx.HTTPError:
                 self.counts["viser did not answer"] += 1
                 return HTMLResponse(NO_VIEWER, 503, FRAMED_BY)
         kind = found.headers.get("content-type", "application/octet-stream")
         content = found.content
+        kept = {}
         if kind.startswith("text/html"):
             content = found.text.replace("<head>", f"<head>{FRAME_SCRIPT}", 1).encode()
-        return Response(content, found.status_code, {"content-type": kind, **FRAMED_BY})
+            kept = KEPT if found.status_code == 200 else {}
+        return Response(content, found.status_code, {"content-type": kind, **kept, **FRAMED_BY})
 
     async def forward(self, websocket: WebSocket) -> None:
         """Join one viewer with viser until either side, or the viewer's session, ends it."""
         visitor, present = websocket.scope[VISITOR], websocket.scope[PRESENT]
-        view = websocket.path_params.get("path", "").strip("/")
+        words = websocket.path_params.get("path", "").split("/")
+        pages = [word for word in words if word.startswith(PAGE_MARK)]
+        headers = {ROLE_HEADER: visitor.role, VIEW_HEADER: TIP if TIP in words else ""}
         try:
-            viser = await self._open(websocket.scope["subprotocols"], {ROLE_HEADER: visitor.role, VIEW_HEADER: view})
+            port, secret = await run_in_threadpool(self._thin) if self._thin and THIN in words else self._full
+            viser = await _open(port, websocket.scope["subprotocols"], {**headers, SECRET_HEADER: secret})
         except (OSError, TimeoutError, InvalidHandshake):
             self.counts["viser did not answer"] += 1
             await websocket.close(1013)
@@ -141,7 +165,7 @@ class ViewerProxy:
             async with viser, asyncio.TaskGroup() as group:
                 await websocket.accept(viser.subprotocol)
                 group.create_task(self._upwards(websocket, viser, present))
-                group.create_task(self._downwards(websocket, viser))
+                group.create_task(self._downwards(websocket, viser, pages))
                 group.create_task(self._end_with_session(websocket, present))
         except* WebSocketDisconnect:
             pass
@@ -153,26 +177,6 @@ class ViewerProxy:
             await asyncio.sleep(SESSION_CHECK_S)
         await websocket.close(1008)
         raise WebSocketDisconnect(1008)
-
-    async def _open(self, subprotocols: list[str], headers: dict[str, str]) -> ClientConnection:
-        channel = socket.socket()
-        channel.setblocking(False)
-        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        try:
-            await asyncio.get_running_loop().sock_connect(channel, ("127.0.0.1", self._port))
-            return await connect(
-                f"ws://127.0.0.1:{self._port}/",
-                sock=channel,
-                subprotocols=[Subprotocol(name) for name in subprotocols] or None,
-                additional_headers={**headers, SECRET_HEADER: self._secret},
-                compression=None,
-                max_size=MAX_FRAME_BYTES,
-                max_queue=2,
-                close_timeout=CLOSE_TIMEOUT_S,
-            )
-        except BaseException:
-            channel.close()
-            raise
 
     async def _upwards(self, websocket: WebSocket, viser: ClientConnection, present: Present) -> None:
         while True:
@@ -189,15 +193,78 @@ class ViewerProxy:
             except ConnectionClosed as closed:
                 raise WebSocketDisconnect(1001) from closed
 
-    async def _downwards(self, websocket: WebSocket, viser: ClientConnection) -> None:
+    async def _downwards(self, websocket: WebSocket, viser: ClientConnection, pages: list[str]) -> None:
+        watch = _Watch()
         try:
             while True:
                 frame = await viser.recv()
-                if isinstance(frame, bytes):
-                    await websocket.send_bytes(frame)
-                else:
-                    await websocket.send_text(frame)
+                async with asyncio.timeout(STUCK_S + len(frame) / SLOWEST_B_S):
+                    with watch:
+                        if isinstance(frame, bytes):
+                            await websocket.send_bytes(frame)
+                        else:
+                            await websocket.send_text(frame)
+                if watch.changed():
+                    self._tell(pages, watch.full)
+        except TimeoutError:
+            self.counts["viewer does not read: cut off"] += 1
+            websocket.scope[CUT]()
+            raise WebSocketDisconnect(1008) from None
         except ConnectionClosed as closed:
             code = closed.rcvd.code if closed.rcvd else 1001
             await websocket.close(1001 if code in NO_CODE else code, closed.rcvd.reason if closed.rcvd else "")
             raise WebSocketDisconnect(code) from closed
+        finally:
+            if watch.full:
+                self._tell(pages, False)
+
+    def _tell(self, pages: list[str], full: bool) -> None:
+        """A page may have two views."""
+        for page in pages:
+            self.behind[page] += 1 if full else -1
+            if not self.behind[page]:
+                del self.behind[page]
+
+
+class _Watch:
+    """Whether a link is full: how much of the time it had to be waited for. Entered for each sending."""
+
+    def __init__(self) -> None:
+        self.full = False
+        self._since = self._began = time.monotonic()
+        self._waited_s = 0.0
+
+    def __enter__(self) -> None:
+        self._began = time.monotonic()
+
+    def __exit__(self, *_: object) -> None:
+        self._waited_s += time.monotonic() - self._began
+
+    def changed(self) -> bool:
+        """Whether `full` has just changed."""
+        now, before = time.monotonic(), self.full
+        if now - self._since > WATCH_S:
+            self.full = self._waited_s > BLOCKED_SHARE * (now - self._since)
+            self._since, self._waited_s = now, 0.0
+        return self.full != before
+
+
+async def _open(port: int, subprotocols: list[str], headers: dict[str, str]) -> ClientConnection:
+    channel = socket.socket()
+    channel.setblocking(False)
+    channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    try:
+        await asyncio.get_running_loop().sock_connect(channel, ("127.0.0.1", port))
+        return await connect(
+            f"ws://127.0.0.1:{port}/",
+            sock=channel,
+            subprotocols=[Subprotocol(name) for name in subprotocols] or None,
+            additional_headers=headers,
+            compression=None,
+            max_size=MAX_FRAME_BYTES,
+            max_queue=2,
+            close_timeout=CLOSE_TIMEOUT_S,
+        )
+    except BaseException:
+        channel.close()
+        raise

@@ -18,7 +18,7 @@ from starlette.middleware import Middleware
 from starlette.routing import BaseRoute
 from websockets.exceptions import InvalidState
 
-from app.console.doorkeeper import Cookie, Doorkeeper
+from app.console.doorkeeper import Address, Cookie, Doorkeeper
 from app.console.listening import Tls
 from app.console.sign_in import SignIn
 from app.console.static_folder import static_folder
@@ -96,7 +96,14 @@ class WebServer:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.port = listener.getsockname()[1]
         self.signing.start(static_folder() / "sign_in.html", cookie := Cookie(self.port, self._tls is not None))
-        guard = Middleware(Doorkeeper, names=self._names, sessions=self.sessions, cookie=cookie, refused=self.refused)
+        guard = Middleware(
+            Doorkeeper,
+            names=self._names,
+            sessions=self.sessions,
+            cookie=cookie,
+            refused=self.refused,
+            cut=self._cut,
+        )
         config = uvicorn.Config(
             Starlette(routes=[*self.signing.routes(), *routes], middleware=[guard]),
             ssl_certfile=self._tls.certificate if self._tls else None,
@@ -129,6 +136,14 @@ class WebServer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+    def _cut(self, browser: Address) -> None:
+        """End a browser's connection at once; what is left for it is thrown away."""
+        assert self._server is not None
+        for connection in list(self._server.server_state.connections):
+            transport = connection.transport
+            if transport.get_extra_info("peername", ())[:2] == tuple(browser):
+                transport.abort()
 
     async def _serve(self, server: uvicorn.Server, listener: socket.socket) -> None:
         serving = asyncio.create_task(server.serve([listener]))

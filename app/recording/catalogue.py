@@ -38,6 +38,8 @@ class Session(msgspec.Struct, frozen=True, kw_only=True):
     markers: int = 0
     faults: int = 0
     megabytes: float = 0.0
+    frames: tuple[str, ...] = ()
+    """Files of raw CAN frames beside it."""
     marked: bool = False
     note: str = ""
 
@@ -92,6 +94,7 @@ def session_of(path: Path) -> Session:
         markers=digest.counts.get("marker", 0),
         faults=len(digest.faults),
         megabytes=storage.size_of(path) / 1e6,
+        frames=tuple(file.name for file in storage.frames_of(path)),
         marked=notes.marked,
         note=notes.note,
     )
@@ -107,6 +110,18 @@ def find(folder: Path, name: str) -> Path:
     if not storage.NAME.fullmatch(wanted) or not (path := folder / wanted).is_file():
         raise CatalogueError(f"there is no session {name!r} in {folder}; cobra-teleop sessions lists them")
     return path
+
+
+def find_frames(folder: Path, name: str, file: str) -> Path:
+    """A file of raw CAN frames of the recording of that name.
+
+    Raises:
+        CatalogueError: there is no such recording, or no such file beside it.
+    """
+    for path in storage.frames_of(find(folder, name)):
+        if path.name == file:
+            return path
+    raise CatalogueError(f"{name} has no CAN frames {file!r}")
 
 
 def given(name: Path, folder: Path | None = None) -> Path:

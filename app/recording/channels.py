@@ -89,7 +89,7 @@ TYPES: Final[dict[str, type[Message]]] = {
 Level = Literal["info", "warning", "alarm", "marker"]
 
 
-Kind = Literal["state", "history", "event", "heard", "input"]
+Kind = Literal["state", "history", "event", "heard", "calibration", "input"]
 """What is put in: the robot's keys as they came over the link, and our own readings."""
 
 
@@ -99,7 +99,7 @@ class Facts(NamedTuple):
     robot: str
     description: RobotDescription | None
     attachments: Mapping[str, bytes]
-    """description.toml, versions.json, settings.json, calibration.json: name → content."""
+    """description.toml, versions.json, settings.json: name → content."""
 
 
 def encode(message: msgspec.Struct) -> bytes:

@@ -178,7 +178,8 @@ class Digester:
             max_temperature_C=_known(self._temperature),
             faults=tuple(self._faults),
             counts=dict(self._counts),
-            events=tuple(self._events),
+            # Those from before the recorder listened are told to it later.
+            events=tuple(sorted(self._events, key=lambda event: event.time_s)),
             obeyed=self._obeyed,
             refused=dict(self._refused),
             period_p99_s=self._p99 or None,

@@ -210,10 +210,13 @@ class Recorder:
             "history": lambda data: self._put("history", data),
             "event": lambda data: self._put("event", data),
             "heard": lambda data: self._put("heard", data),
+            "calibration": lambda data: self._put("calibration", data),
         }
         listener = Listener(self._robot, self._endpoint, hear, alive)
         meta = listener.start()
         self._listener, self._gone_s = listener, None
+        if calibration := listener.calibration():
+            self._put("calibration", calibration)
         return meta
 
     def _disconnect(self) -> None:
@@ -256,7 +259,6 @@ def facts_of(robot: str, meta: Meta, settings: dict[str, Any]) -> Facts:
         channels.DESCRIPTION: meta.description.encode(),
         channels.VERSIONS: _json(meta.versions),
         channels.SETTINGS: _json({"pid": meta.pid, **settings}),
-        channels.CALIBRATION: _json(getattr(meta, "calibration", None) or {}),
     }
     return Facts(robot, description, attachments)
 

@@ -1,6 +1,7 @@
 """Where recordings lie, what belongs to each, which is being written, and which may go when the disk budget is used up."""
 
 import contextlib
+import glob
 import logging
 import os
 import re
@@ -62,9 +63,18 @@ def recordings(folder: Path) -> list[Path]:
 
 def belongings(path: Path) -> list[Path]:
     """What lies beside a recording and goes with it."""
-    stem = path.name.removesuffix(SUFFIX)
-    beside = [path.with_name(stem + suffix) for suffix in (NOTES_SUFFIX, *LOG_SUFFIXES)]
-    return [file for file in beside if file.exists()]
+    notes = _notes_path(path)
+    return [*([notes] if notes.exists() else []), *frames_of(path)]
+
+
+def frames_of(path: Path) -> list[Path]:
+    """The raw CAN frames beside a recording, oldest first: a long session's are in several files."""
+    found = []
+    for suffix in LOG_SUFFIXES:
+        newest = path.with_name(path.name.removesuffix(SUFFIX) + suffix)
+        if newest.exists():
+            found += [*sorted(path.parent.glob(f"{glob.escape(newest.stem)}-*{newest.suffix}")), newest]
+    return found
 
 
 def size_of(path: Path) -> int:

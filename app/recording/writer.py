@@ -17,6 +17,7 @@ import msgspec
 from app.link import history
 from app.recording import channels, storage
 from app.recording.channels import (
+    CALIBRATION,
     COMMAND,
     DIGEST,
     EVENT,
@@ -33,7 +34,7 @@ from app.recording.digest import Digester
 from app.recording.foxglove import JOINTS, LOG, SCENE, FoxgloveView, log_of
 from app.recording.foxglove import TYPES as FOXGLOVE
 from app.recording.mcap_file import McapFile, Topic
-from cobra.messages import Event, Heard, RobotState, decode
+from cobra.messages import Calibration, Event, Heard, RobotState, decode
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +95,7 @@ class SessionWriter:
         self._thread: threading.Thread | None = None
         self._offset_ns = 0
         self._clock_ahead = False
+        self._calibration = b""
         self._tick = -1
         self._missed = 0
         self._chunk_since_s: float | None = None
@@ -217,6 +219,8 @@ class SessionWriter:
                     self._digest.judged(judged)
                 for answered in heard.answers:
                     self._add(REQUEST, self._time(answered.stamp, arrival), arrival, answered)
+            case "calibration":
+                self._attach_calibration(decode(payload, Calibration), arrival)
 
     def _take_state(self, state: RobotState, arrival: int) -> None:
         if state.tick < self._tick:
@@ -237,6 +241,21 @@ class SessionWriter:
         if scene := self._view.scene(state, time_ns):
             self._add(SCENE, time_ns, arrival, scene)
         self._add(JOINTS, time_ns, arrival, self._view.joints(state, time_ns))
+
+    def _attach_calibration(self, calibration: Calibration, arrival: int) -> None:
+        """Each that was in force is an attachment of its own; of equal names the last one counts."""
+        data = msgspec.json.format(channels.encode(calibration))
+        if data == self._calibration:
+            return
+        self._calibration = data
+        self._flush()
+        # An old one, told first, says nothing of how the clocks are apart.
+        since = self._time(calibration.stamp, arrival) if self._clock_ahead else arrival
+        try:
+            self._file.attach(CALIBRATION, "application/json", data, since)
+        except OSError as error:
+            self._lost += 1
+            self._disk = f"the recording cannot be written: {error.strerror}"
 
     def _add(self, topic: str, time_ns: int, arrival: int, message: msgspec.Struct, sequence: int = 0) -> None:
         if self._chunk_since_s is None:

@@ -2,6 +2,7 @@
 
 import threading
 
+from app.console.detail import Detail, rate_of
 from app.console.page_socket import PageSocket, SeatRequest
 from app.console.page_state import SeatState
 from app.console.pilot import Pilot
@@ -9,6 +10,7 @@ from app.console.seat import Occupant
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
 from app.console.viewer_proxy import ViewerProxy
+from app.console.views import Views
 from app.watching.feeds import WatchedRobot
 from cobra.clock import SystemClock
 from cobra.loading import parse_description
@@ -65,12 +67,16 @@ class Room:
             quit_console=lambda: None,
             clock=clock,
         )
-        self._viewer = Viewer(description, robot.latest, frame_rate_Hz)
-        self._viewer.start()
+
+        def viewer(detail: Detail) -> Viewer:
+            return Viewer(description, robot.latest, rate_of(detail, frame_rate_Hz), detail)
+
+        self._views = Views(len(description.sections), viewer)
+        self._views.start()
         if meta.walls is not None:
-            self._viewer.surround(meta.walls, lambda: None)  # what touches is told to the robot's own console
-        self.pages = PageSocket(self._session)
-        self.proxy = ViewerProxy(self._viewer.port, self._viewer.secret)
+            self._views.surround(meta.walls, lambda: None)  # what touches is told to the robot's own console
+        self.proxy = ViewerProxy(*self._views.full, self._views.thin)
+        self.pages = PageSocket(self._session, behind=self.proxy.behind)
 
     @property
     def visitors(self) -> int:
@@ -79,7 +85,7 @@ class Room:
 
     def stop(self) -> None:
         self._session.stop()
-        self._viewer.stop()
+        self._views.stop()
 
 
 class Rooms:

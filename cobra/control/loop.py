@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.control.authority import Authority
+from cobra.control.calibration import calibration_of
 from cobra.control.cell_watch import CellWatch, cells_report
 from cobra.control.drive_watch import DriveWatch, Watched
 from cobra.control.drivetrain import Drivetrain
@@ -35,7 +36,7 @@ from cobra.control.timing import LoopTiming
 from cobra.control.witness import Witness
 from cobra.description import RobotDescription
 from cobra.mechanics.losses import LossesError, from_text
-from cobra.messages import Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
+from cobra.messages import Calibration, Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.bus_load import busiest
 from cobra.motors.homing import Homing, HomingError
@@ -64,6 +65,7 @@ class RobotLoop:
         announce: Callable[[Event], None],
         testify: Callable[[Heard], None] = lambda heard: None,
         poses: PoseBook | None = None,
+        calibrated: Callable[[Calibration], None] = lambda calibration: None,
     ) -> None:
         self.description = description
         self.clock = clock
@@ -74,6 +76,8 @@ class RobotLoop:
         self._publish = guarded("publishing a state", publish, self._malformed)
         self._announce = guarded("announcing an event", announce, self._malformed)
         self._witness = Witness(guarded("telling a recorder", testify, self._malformed))
+        self._calibrated = guarded("telling the calibration", calibrated, self._malformed)
+        self._calibration: tuple[bool, int, int] | None = None
         self.requests = Requests(self.authority, self._lose_driver, self._announce)
         self.requests.acts.update(
             arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
@@ -140,6 +144,7 @@ class RobotLoop:
         self._publish(state)
         self._witness.tell()
         self._tell_changes(state)
+        self._tell_calibration(state)
         if self._overlapped:
             self.drivetrain.receive()
             self._watch_drives()
@@ -466,6 +471,13 @@ class RobotLoop:
     def _measured(self) -> Floats:
         """q from the motors' feedback alone."""
         return self.tendons.measured(self.motion.q) if self.drivetrain.feedback else self.motion.q
+
+    def _tell_calibration(self, state: RobotState) -> None:
+        """To whoever records, whenever another one is in force."""
+        now = (state.homed, self.drivetrain.transmission.references, self.tendons.takeovers)
+        if now != self._calibration:
+            self._calibration = now
+            self._calibrated(calibration_of(state.stamp, state.homed, self.drivetrain, self.tendons))
 
     def _tell_changes(self, state: RobotState) -> None:
         """An event for every change of phase or cause, once."""

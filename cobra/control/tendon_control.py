@@ -33,6 +33,8 @@ class TendonControl:
         self.description: RobotDescription = drivetrain.description
         self._drivetrain = drivetrain
         self._next: Identified | None = None
+        self.takeovers = 0
+        """How often loss parameters were taken over."""
         self._level_N: float | None = None
         self._wound_m = 0.0
         """All tendons wound in alike, beyond what homing found."""
@@ -62,6 +64,7 @@ class TendonControl:
         self._health = TendonHealth(self.description, self.balance, identified)
         self.estimate = None
         self._referred = False
+        self.takeovers += 1
 
     def prepare(self, identified: Identified) -> None:
         """Take these parameters when it is homed next."""

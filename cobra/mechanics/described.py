@@ -58,6 +58,6 @@ def _reasons(description: RobotDescription) -> list[str]:
         out.append("it has no tendons")
     elif d.sections[0].elongation.dynamics is None:
         out.append("sections[0].elongation.dynamics is missing: inertias and damping must be given")
-    if d.twist or d.feed:
-        out.append("its base must stand still: without [twist] and [feed]")
+    if d.twist or d.feed or d.hand_fed:
+        out.append("its base must stand still: without [twist], [feed] and hand_fed")
     return out

@@ -68,8 +68,11 @@ class JoinedBus:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What people should know about these drives."""
-        return tuple(note for channel in self._channels for note in channel.notes)
+        """What people should know about these drives, and of the log of their frames."""
+        gap = (
+            ("frames are missing in the CAN log: the disk is slow or full",) if self._log and self._log.dropped else ()
+        )
+        return (*(note for channel in self._channels for note in channel.notes), *gap)
 
     @property
     def waited_s(self) -> float:

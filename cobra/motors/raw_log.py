@@ -1,6 +1,6 @@
 """Every frame of the motor buses into a file, written by a side thread: the control loop only appends to a bounded queue.
 
-A file that has grown to `MAX_BYTES` is put aside with the time in its name, and a new one begun; the newest `KEPT` stay.
+A file that has grown to `MAX_BYTES`, or was there before, is put aside with the time in its name, and a new one begun; the newest `KEPT` stay.
 
 candump's text format (`.log`, for can-utils and grep) or Vector's binary one (`.blf`), whichever the file's name says.
 """
@@ -65,6 +65,8 @@ class RawLog:
         if kind is None:
             raise BusError(f"{self.path}: a CAN log must be named {' or '.join('*' + suffix for suffix in FORMATS)}")
         try:
+            if self.path.is_file() and self.path.stat().st_size:
+                self._put_aside()  # of a robot process before this one
             writer = kind(self.path)
         except OSError as error:
             raise BusError(f"{self.path}: the CAN log cannot be written: {error.strerror}") from None

@@ -18,14 +18,18 @@ class Transmission:
     def __init__(self, description: RobotDescription) -> None:
         drives = description.drives
         self.travel_per_rad = np.array([drive.travel_per_rad for drive in drives])
-        self._torque_constant = np.array([description.motor_of(drive).torque_constant_Nm_A for drive in drives])
+        torque_constant = np.array([description.motor_of(drive).torque_constant_Nm_A for drive in drives])
         # A motor that holds a tendon pulls it in: its force along the travel is minus the tension.
-        self._load_sign = np.array([-1.0 if drive.moves == "tendon" else 1.0 for drive in drives])
+        sign = np.array([-1.0 if drive.moves == "tendon" else 1.0 for drive in drives])
+        self.load_per_A: Floats = sign * torque_constant / self.travel_per_rad
         self._offset = np.zeros(len(drives))
+        self.references = 0
+        """How often travel 0 was found anew."""
 
     def refer(self, angle: Floats, travel: Floats) -> None:
         """From now on the shafts' `angle` [rad] means `travel`."""
         self._offset = travel - angle * self.travel_per_rad
+        self.references += 1
 
     def travel(self, angle: Floats) -> Floats:
         return angle * self.travel_per_rad + self._offset
@@ -36,4 +40,4 @@ class Transmission:
 
     def load(self, current: Floats) -> Floats:
         """Tendon tension or feed force [N], twist torque [N·m], from motor current [A]; friction is not taken off."""
-        return self._load_sign * current * self._torque_constant / self.travel_per_rad
+        return current * self.load_per_A

@@ -47,10 +47,14 @@ YIELD_RATIO = 2.5
 """A tendon yields at this multiple of its maximum tension: no command makes forces that no drive can hold."""
 FEED_STIFFNESS_N_m = 2e5
 TWIST_STIFFNESS_Nm_rad = 500.0
+HAND_REACH = 3.0
+"""Where walls may bend it, a robot that is fed by hand comes out by so many lengths of its active segment at most."""
 PASSIVE_LINKS = 6
 """Of the passive body for the active segment's length, where walls may bend it."""
 PASSIVE_STIFFNESS = 4.0
 """Of the passive body against the first section, where the description does not say."""
+HAND = "hand"
+"""The actuator in place of a feed drive, where somebody feeds the robot."""
 PASSIVE = -1
 """In place of a section's index for what belongs to the passive body."""
 GAUSS = (0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6)
@@ -89,6 +93,10 @@ class Chain:
     """(m,) length of each tendon's path along the straight robot [m]."""
     drive_actuators: Indices
     """(drives,) actuator of each drive; −1 for a tendon that is made of pieces."""
+    hand_actuator: int
+    """Of the hand that feeds the robot; −1 where none does."""
+    longest_m: float
+    """Exposed length beyond which the hand cannot feed, for want of a body [m]."""
     pieces: Indices | None
     """(m, sections) actuator that pulls each tendon within each section, −1 beyond its end; None without friction."""
     piece_tendons: Indices | None
@@ -156,6 +164,8 @@ def build_chain(
         drive_actuators=np.array(
             [found(mujoco.mjtObj.mjOBJ_ACTUATOR, f"drive {drive.name}") for drive in description.drives], dtype=np.intp
         ),
+        hand_actuator=found(mujoco.mjtObj.mjOBJ_ACTUATOR, HAND),
+        longest_m=builder.longest_m,
         pieces=pieces(mujoco.mjtObj.mjOBJ_ACTUATOR) if builder.frictional else None,
         piece_tendons=pieces(mujoco.mjtObj.mjOBJ_TENDON) if builder.frictional else None,
     )
@@ -209,6 +219,8 @@ class _Builder:
         self._add_tendons()
         for drive in self.description.drives:
             self._add_drive(drive)
+        if self.description.hand_fed:
+            self._add_servo(HAND, "feed", mujoco.mjtTrn.mjTRN_JOINT, FEED_STIFFNESS_N_m)
         if self.environment is not None:
             self._add_skins()
             add_walls(self._spec, self.environment)
@@ -225,6 +237,12 @@ class _Builder:
     def rest_length(self, model: mujoco.MjModel, name: str) -> float:
         """Of a tendon's path along the straight robot [m]."""
         return float(sum(model.tendon_length0[model.tendon(part).id] for part, _ in self._parts(name)))
+
+    @property
+    def longest_m(self) -> float:
+        """Exposed length with all of the modelled body outside; in free space the whole robot's [m]."""
+        d = self.description
+        return d.backbone.total_length_m if self.environment is None else d.active_length_m + self._passive_m
 
     @property
     def _tendon(self) -> Tendon:
@@ -249,16 +267,18 @@ class _Builder:
     @property
     def _passive_m(self) -> float:
         """How much of the passive body can come out of the port. In free space it is straight: then none is modelled."""
-        feed = self.description.feed
-        if feed is None or self.environment is None:
+        d = self.description
+        if self.environment is None:
             return 0.0
-        return max(feed.range_m[1] - self.description.active_length_m, 0.0)
+        by_hand = min(d.backbone.total_length_m, HAND_REACH * d.active_length_m) if d.hand_fed else 0.0
+        return max((d.feed.range_m[1] if d.feed else by_hand) - d.active_length_m, 0.0)
 
     def _add_base(self) -> None:
         d, passive = self.description, self._passive_m
-        start = (-d.active_length_m if d.feed else 0.0) - passive
+        slides = d.feed is not None or d.hand_fed
+        start = (-d.active_length_m if slides else 0.0) - passive
         base = self._spec.worldbody.add_body(name="base", pos=(0.0, 0.0, start))
-        if d.feed:
+        if slides:
             base.add_joint(name="feed", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
         if d.twist:
             base.add_joint(name="twist", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
@@ -437,20 +457,24 @@ class _Builder:
             return
         if drive.moves == "tendon":
             stiffness = self.tendon_stiffness(str(drive.tendon))
-            target, transmission = drive.tendon, mujoco.mjtTrn.mjTRN_TENDON
             weakest = -YIELD_RATIO * self._tendon.max_tension_N
+            self._add_servo(f"drive {drive.name}", drive.tendon, mujoco.mjtTrn.mjTRN_TENDON, stiffness, weakest)
         else:
             stiffness = FEED_STIFFNESS_N_m if drive.moves == "feed" else TWIST_STIFFNESS_Nm_rad
-            target, transmission = drive.moves, mujoco.mjtTrn.mjTRN_JOINT
-            weakest = -math.inf
+            self._add_servo(f"drive {drive.name}", drive.moves, mujoco.mjtTrn.mjTRN_JOINT, stiffness)
+
+    def _add_servo(
+        self, name: str, target: str | None, transmission: Any, stiffness: float, weakest: float | None = None
+    ) -> None:
+        """What sets a length; with `weakest` it can only pull, by that much [N]."""
         self._spec.add_actuator(
-            name=f"drive {drive.name}",
+            name=name,
             target=target,
             trntype=transmission,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             gainprm=[stiffness, *[0.0] * 9],
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0, -stiffness, -stiffness * STEP_DAMPING_S, *[0.0] * 7],
-            forcelimited=drive.moves == "tendon",
-            forcerange=(weakest, 0.0),
+            forcelimited=weakest is not None,
+            forcerange=(weakest or 0.0, 0.0),
         )

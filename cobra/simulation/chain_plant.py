@@ -108,6 +108,10 @@ class ChainPlant:
         with self._lock:
             self._pushes[vertebra] = force
 
+    def feed_by_hand(self, length_m: float) -> None:
+        """See `Plant.feed_by_hand`; the base of such a robot stands still."""
+        raise ValueError(f"{self.description.name} is not fed by hand")
+
     def _march(self, lengths: Floats, duration_s: float) -> None:
         start = lengths if self._lengths is None else self._lengths
         commands = np.stack([start, lengths])[None]

@@ -258,7 +258,10 @@ def _make_plant(true: RobotDescription, simulation: Simulation, notes: list[str]
     except WallsError as fault:
         walls = None
         notes.append(f"{fault}; going on in free space")
-    return build_twin(true, simulation.twin, simulation.payload_kg, walls)
+    twin = build_twin(true, simulation.twin, simulation.payload_kg, walls)
+    if true.hand_fed and twin.chain.longest_m < true.backbone.total_length_m:
+        notes.append(f"among walls the simulated hand feeds it out by {twin.chain.longest_m * 1e3:.0f} mm at most")
+    return twin
 
 
 def _checked(option: str, value: str, allowed: Any) -> Any:

@@ -72,3 +72,10 @@ class Plant(Protocol):
 
         `vertebra` counts as in `Truth.vertebrae`. Safe to call from another thread.
         """
+
+    def feed_by_hand(self, length_m: float) -> None:
+        """Somebody feeds the robot until this much is exposed, as a hand does it. Safe to call from another thread.
+
+        Raises:
+            ValueError: it is not fed by hand.
+        """

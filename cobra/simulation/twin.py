@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cobra.description import RobotDescription
+from cobra.kinematics.ramps import approached
 from cobra.simulation.cables import Cables
 from cobra.simulation.chain import PASSIVE, SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
 from cobra.simulation.contacts import NO_CONTACTS, pressing
@@ -19,6 +20,8 @@ BENDS = ("bend_x", "bend_y")
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_XFRC_APPLIED
 DIVERGED_SPEED = 1e4
 """Joint speeds [rad/s] beyond this are no motion of a robot."""
+HAND_SPEED_M_S = 0.05
+"""With which a hand feeds at most."""
 HELD_FRACTION = 5e-4
 """Of a joint behind the port: its stretch bends as if only this fraction of it could."""
 
@@ -51,6 +54,8 @@ class Twin:
             if spring.does in BENDS and spring.section != PASSIVE:
                 self._bend_sums[2 * spring.section + BENDS.index(spring.does), joint] = 1.0
         self._slots = Slots(d, chain) if any(section.elongation for section in d.sections) else None
+        self._hand_m = self._hand_goal_m = d.active_length_m
+        """Exposed length at which the hand holds the robot, and to which it feeds it."""
         self._travel: Floats | None = None
         self._feed_m = math.nan
         self._state = np.zeros(mujoco.mj_stateSize(chain.model, _STATE))
@@ -75,8 +80,9 @@ class Twin:
         with self._lock:
             if self._travel is None:
                 self._place(target)
-            self._run(self._travel if self._travel is not None else target, target, duration_s)
-            self._travel = target.copy()
+            hand_m = approached(self._hand_m, self._hand_goal_m, HAND_SPEED_M_S * duration_s)
+            self._run(self._travel if self._travel is not None else target, target, hand_m, duration_s)
+            self._travel, self._hand_m = target.copy(), hand_m
             self._truth = self._observe()
             return self._loads.copy()
 
@@ -110,6 +116,12 @@ class Twin:
             wrench = self.data.xfrc_applied[self.chain.vertebra_bodies[vertebra]]
             wrench[:3] = force
             wrench[3:] = 0.0 if torque is None else torque
+
+    def feed_by_hand(self, length_m: float) -> None:
+        """See `Plant.feed_by_hand`; the hand needs its time."""
+        if self.chain.hand_actuator < 0:
+            raise ValueError(f"{self.description.name} is not fed by hand")
+        self._hand_goal_m = min(max(length_m, 0.0), self.chain.longest_m)
 
     def break_tendon(self, name: str) -> None:
         """From now on this tendon carries nothing.
@@ -150,26 +162,32 @@ class Twin:
 
     def _place(self, travel: Floats) -> None:
         d, data = self.description, self.data
-        if d.feed_drive is not None:
-            data.joint("feed").qpos[0] = travel[d.feed_drive]
-            self._expose(float(travel[d.feed_drive]))
+        if d.feed_drive is not None or d.hand_fed:
+            exposed_m = self._hand_m if d.feed_drive is None else float(travel[d.feed_drive])
+            data.joint("feed").qpos[0] = exposed_m
+            self._expose(exposed_m)
         if d.twist_drive is not None:
             data.joint("twist").qpos[0] = travel[d.twist_drive]
         mujoco.mj_forward(self.chain.model, data)
         self._remember()
 
-    def _run(self, start: Floats, end: Floats, duration_s: float) -> None:
+    def _run(self, start: Floats, end: Floats, hand_end_m: float, duration_s: float) -> None:
         """Integrate; a bad state on the way ends in the last good one, at rest."""
-        model, data, feed = self.chain.model, self.data, self.description.feed_drive
+        model, data, hand = self.chain.model, self.data, self.chain.hand_actuator
+        feed = self.description.feed_drive
+        fed_m, fed_end_m = (self._hand_m, hand_end_m) if feed is None else (float(start[feed]), float(end[feed]))
         steps = math.ceil(duration_s / STEP_S - 1e-9)
         step_s = duration_s / steps if steps else STEP_S
         speed = (end - start) / duration_s if steps else np.zeros_like(start)
+        feed_speed = (fed_end_m - fed_m) / duration_s if steps else 0.0
         model.opt.timestep = step_s
         good = True
         for k in range(steps):
             # The force of a step belongs to its start; its damping is against the drive's own speed.
             ahead = self._offset + start + (k * step_s + STEP_DAMPING_S) * speed
             data.ctrl[self._actuators] = ahead[self._single]
+            if hand >= 0:
+                data.ctrl[hand] = fed_m + (k * step_s + STEP_DAMPING_S) * feed_speed
             if self._cables is not None:
                 self._cables.step(data, (start + k * step_s * speed)[self._tendons])
             mujoco.mj_step2(model, data)
@@ -178,8 +196,8 @@ class Twin:
             good = bool(data.qvel @ data.qvel < DIVERGED_SPEED**2)  # False for NaN too
             if not good:
                 break
-            if feed is not None:
-                self._expose(float(start[feed] + (k + 1) * step_s * speed[feed]))
+            if feed is not None or hand >= 0:
+                self._expose(fed_m + (k + 1) * step_s * feed_speed)
             if self._slots is not None:
                 self._slots.update(model, data)
             mujoco.mj_step1(model, data)

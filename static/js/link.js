@@ -23,6 +23,10 @@ export class Link {
     this.requestId = 0;
     this.retryMs = 250;
     this.heard = -Infinity;
+    this.state = {};
+    this.thin = false;
+    this.view = `p-${Math.random().toString(36).slice(2, 12)}`; // by this the console knows our 3D views
+    this.behind = false; // whether they are more than the link carries
     setInterval(() => this.#watch(), 100);
     setInterval(() => this.#ping(), PING_MS);
     this.#open();
@@ -45,6 +49,17 @@ export class Link {
       if (this.#send({ type: "act", id, what, value, text })) this.requests.set(id, resolve);
       else resolve(LOST);
     });
+  }
+
+  /** Whether to be sent little: what changed, less often. Kept over a reconnection. */
+  pace(thin) {
+    this.thin = thin;
+    this.#send({ type: "pace", thin, view: this.view });
+  }
+
+  /** How old what is shown is [ms]: since the robot said it, over its own link and ours. NaN while that is not known. */
+  age() {
+    return performance.now() + this.quality.clock - this.echo * 1e3 + (this.state.link?.age_ms ?? 0);
   }
 
   #ping() {
@@ -87,20 +102,24 @@ export class Link {
       case "welcome":
         this.page = message.page;
         this.retryMs = 250;
+        this.pace(this.thin);
         this.on.welcome(message);
         break;
       case "snapshot":
         this.echo = message.stamp;
         this.heard = performance.now();
+        // Over a slow link only what changed is sent.
+        this.state = { ...this.state, ...message };
         this.#setConnected(true);
-        this.on.snapshot(message);
+        this.on.snapshot(this.state);
         break;
       case "reply":
         this.requests.get(message.id)?.(message);
         this.requests.delete(message.id);
         break;
       case "pong":
-        this.quality.take(performance.now() - message.stamp);
+        this.quality.take(performance.now() - message.stamp, 1e3 * message.now - performance.now());
+        this.behind = message.behind;
         this.pings -= 1;
         break;
     }

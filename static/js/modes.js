@@ -74,7 +74,7 @@ export class Modes {
     byId("sections").parentElement.classList.toggle("unused", !section || this.facts.sections.length < 2 || !mode.left);
     byId("pad-map").replaceChildren(...mode.lines.map((line) => row(line.pad, line.does)));
     const keys = mode.lines.filter((line) => line.keys).map((line) => row(line.keys, line.does));
-    byId("key-map").replaceChildren(...keys, row("T  N  K", "tip view; a note; alarms are seen"), row("Tab, Enter", "go to a button of the page, press it"));
+    byId("key-map").replaceChildren(...keys, row("T  N  K", "tip view; a note or a mark; alarms are seen"), row("Tab, Enter", "go to a button of the page, press it"));
   }
 
   /** One line: what is wrong before what binds, before what the mode is for. */

@@ -16,8 +16,9 @@ import { PadSetup } from "./pad_setup.js";
 import { Plot } from "./plot.js";
 import { Tables, tabs } from "./tables.js";
 import { Tendons } from "./tendons.js";
+import { Thin } from "./thin.js";
 import { holdButton, stick } from "./touch.js";
-import { markers, showRecording } from "./recording.js";
+import { showRecording } from "./recording.js";
 import { showView } from "./view.js";
 import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
 
@@ -60,6 +61,12 @@ const link = new Link({
     }
     draw();
   },
+});
+
+let picture = null; // the 3D view
+const thin = new Thin(link, {
+  change: (yes) => picture?.thin(yes),
+  slow: () => showAnswer("The link does not carry the full view: this is the thin one, with less detail. Thin view switches back."),
 });
 
 const sticks = {};
@@ -194,7 +201,7 @@ document.addEventListener("visibilitychange", () => {
 });
 
 function view(ticketPath) {
-  showView(ticketPath, {
+  picture = showView(ticketPath, link.view, thin.yes, {
     stop,
     // A letting go that was meant for a control of this page but went to the 3D view.
     pointerUp: () => {
@@ -247,7 +254,7 @@ function draw() {
 
 function showQuality() {
   setText(byId("page-link"), link.connected ? link.quality.text() : "cut off");
-  const [level, words] = link.connected ? link.quality.verdict() : ["", ""];
+  const [level, words] = link.connected ? link.quality.verdict(link.age(), facts?.role !== "viewer" && driving.enabled) : ["", ""];
   byId("page-link").dataset.level = level;
   byId("page-link").title = `Round trip and its change; ${link.quality.lost} answers late or lost`;
   byId("slow").hidden = !words;
@@ -292,5 +299,4 @@ function showButtons(phase) {
   setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
-markers(ask);
 tabs();

@@ -1,19 +1,6 @@
-// What the page says of the recording: that it runs, or in words why not; and the operator's markers.
+// What the page says of the recording: that it runs, or in words why not.
 
 import { byId, setText } from "./format.js";
-
-/** @param ask called with ("mark", null, text) */
-export function markers(ask) {
-  const mark = () => ask("mark", null, "Marker");
-  byId("mark").addEventListener("click", (event) => {
-    mark();
-    event.target.blur(); // the space bar drives; it must not press this again
-  });
-  window.addEventListener("keydown", (event) => {
-    const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(event.target.tagName);
-    if (event.code === "KeyB" && !event.repeat && !typing && !event.ctrlKey && !event.metaKey && !event.altKey) mark();
-  });
-}
 
 /** @param recording {name, problem, megabytes, lost}; an empty name means that nothing is recorded */
 export function showRecording(recording) {

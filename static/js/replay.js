@@ -34,7 +34,7 @@ function showFacts(message) {
   const [first, other] = facts.recordings;
   document.title = `${first.title} · replay`;
   setText(byId("title"), first.title || "Recording");
-  setText(byId("names"), facts.recordings.map((recording) => recording.name).join("  over  "));
+  byId("names").replaceChildren(...facts.recordings.map((recording, i) => make("span", i ? "k other" : "", recording.name)));
   byId("no-view").hidden = facts.view;
   if (facts.view && !byId("viewer").src) {
     const dark = !matchMedia("(prefers-color-scheme: light)").matches;
@@ -45,7 +45,7 @@ function showFacts(message) {
     option.value = speed;
     return option;
   }));
-  byId("offset-box").hidden = byId("apart-box").hidden = !other;
+  for (const id of ["offset-box", "align", "apart-box"]) byId(id).hidden = !other;
   const warnings = facts.recordings.flatMap((recording) => recording.warnings);
   byId("warnings").replaceChildren(...warnings.map((warning) => make("li", "", warning)));
   setText(byId("events-count"), `${first.events.length}`);
@@ -58,8 +58,12 @@ function showFacts(message) {
     return item;
   }));
   if (!first.events.length) byId("events").replaceChildren(make("li", "faint", "none"));
-  line.show(first);
+  setText(byId("top-tension"), most(first.overview.tension_N, " N"));
+  setText(byId("top-bend"), most(first.overview.bend_deg, "°"));
+  line.show(first, other);
 }
+
+const most = (values, unit) => (values.some(Number.isFinite) ? ` up to ${Math.max(...values).toFixed(1)}${unit}` : "");
 
 function draw(message) {
   state = message;
@@ -75,12 +79,20 @@ function draw(message) {
   else setText(byId("apart"), "not there");
   setText(byId("play"), state.playing ? "Pause" : "Play");
   if (document.activeElement !== byId("speed")) byId("speed").value = String(state.speed);
+  if (document.activeElement !== byId("offset")) byId("offset").value = -state.offset || 0;
   setText(byId("clock"), `${clock(state.t)} / ${clock(first.duration)}`);
   setText(byId("wall"), new Date(first.started_ms + 1000 * state.t).toLocaleTimeString());
   for (const item of byId("events").children) {
     item.firstChild.classList?.toggle("past", Number(item.dataset.time) <= state.t + 0.05);
   }
+  line.shift(state.offset);
   line.cursor(state.t);
+}
+
+/** Both begin to drive at the same moment. */
+function align() {
+  const [first, other] = facts.recordings.map(({ phases }) => phases.find((span) => span.what === "driving")?.start_s ?? 0);
+  act("offset", Number((other - first).toFixed(2)));
 }
 
 function clock(seconds) {
@@ -100,6 +112,7 @@ byId("speed").addEventListener("change", (event) => {
   event.target.blur();
 });
 byId("offset").addEventListener("change", (event) => act("offset", -Number(event.target.value) || 0));
+byId("align").addEventListener("click", align);
 window.addEventListener("keydown", (event) => {
   if (["INPUT", "SELECT"].includes(event.target.tagName)) return;
   if (event.code === "Space" && event.target.tagName !== "BUTTON") toggle();

@@ -20,31 +20,44 @@ async function refresh() {
   may = found.may;
   setText(byId("folder"), found.folder);
   byId("none").hidden = found.sessions.length > 0;
-  // A note that is being written is not taken away under the hand.
-  if (!byId("rows").contains(document.activeElement)) byId("rows").replaceChildren(...found.sessions.map(row));
+  const { activeElement: held } = document;
+  const within = byId("rows").contains(held);
+  if (within && held.tagName === "INPUT") return; // a note that is being written is not taken away under the hand
+  const [name, what] = within ? [held.closest("tr").dataset.name, held.dataset.what] : [];
+  byId("rows").replaceChildren(...found.sessions.map(row));
+  for (const line of byId("rows").children) {
+    if (line.dataset.name === name) line.querySelector(`[data-what="${what}"]`)?.focus();
+  }
 }
 
 function row(session) {
   const star = make("button", "star", session.marked ? "★" : "☆");
   star.type = "button";
-  star.disabled = !may.mark;
+  star.disabled = !may.change;
   star.setAttribute("aria-pressed", session.marked);
-  star.setAttribute("aria-label", session.marked ? "kept for good" : "may be deleted to make room");
+  star.title = session.marked ? "Kept for good" : "May be deleted to make room; click to keep it for good";
+  star.setAttribute("aria-label", `keep ${session.name} for good`);
+  star.dataset.what = "star";
   star.addEventListener("click", () => change(session.name, { marked: !session.marked }));
 
   const note = make("input");
   note.value = session.note;
-  note.disabled = !may.note;
+  note.disabled = !may.change;
   note.maxLength = 2000;
   note.setAttribute("aria-label", `note to ${session.name}`);
   note.addEventListener("change", () => change(session.name, { note: note.value }));
   note.addEventListener("keydown", (event) => { if (event.key === "Enter") note.blur(); });
 
-  const file = make("a", "", "Download");
-  file.href = `sessions/file/${encodeURIComponent(session.name)}`;
+  const acts = [link("Download", `sessions/file/${encodeURIComponent(session.name)}`)];
+  for (const frames of session.frames) {
+    acts.push(link("CAN", `sessions/frames/${encodeURIComponent(session.name)}/${encodeURIComponent(frames)}`));
+    acts.at(-1).title = `Raw CAN frames: ${frames}`;
+  }
   const remove = make("button", "quiet", "Delete");
   remove.type = "button";
+  remove.dataset.what = "delete";
   remove.disabled = !may.delete || session.marked || session.status === "recording";
+  if (session.marked) remove.title = "Kept for good: take its star away first";
   remove.addEventListener("click", () => ask(session));
 
   const when = session.started ? new Date(session.started).toLocaleString() : session.status;
@@ -54,9 +67,15 @@ function row(session) {
   const length = session.duration_s === null ? session.status : clock(session.duration_s);
   const line = make("tr", "", make("td", "", star), name, make("td", "", length),
     make("td", "", session.title || session.robot), make("td", "", session.drivers.join(", ")), alarms,
-    make("td", "", `${session.megabytes.toFixed(1)} MB`), make("td", "", note), make("td", "acts", file, remove));
+    make("td", "", `${session.megabytes.toFixed(1)} MB`), make("td", "", note), make("td", "acts", ...acts, remove));
   line.dataset.name = session.name;
   return line;
+}
+
+function link(words, href) {
+  const element = make("a", "", words);
+  element.href = href;
+  return element;
 }
 
 async function post(path, body = {}) {

@@ -7,15 +7,20 @@ const OTHER_NAME = { "127.0.0.1": "localhost", localhost: "127.0.0.1" };
 const ANSWER_MS = 2000;
 
 /**
+ * @returns {thin(yes)}, which shows the thin view or the full one
+ * @param word by which the console knows the views of this page
+ * @param thin which of them to begin with
  * @param ticketPath where the view is found under the other name, for which this page's cookie is not valid
  * @param on {stop(), pointerUp()}
  */
-export function showView(ticketPath, on) {
+export function showView(ticketPath, word, thin, on) {
   const frame = byId("viewer");
   const tip = byId("tip-view");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
   const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
-  const path = `viewer/${query}`;
+  let detail = thin ? "thin/" : "";
+  // Behind the #, where viewer_frame.js puts it into the path: so that the browser fetches viser's page only once.
+  const source = (view) => `${place}${query}#${word}/${detail}${view}`;
   const other = OTHER_NAME[location.hostname];
   let here = false;
   let place = "";
@@ -33,23 +38,42 @@ export function showView(ticketPath, on) {
   if (other) {
     // Should that name lead elsewhere on this machine, the page's own does.
     const fallBack = () => setTimeout(() => {
-      if (!here) frame.src = path;
+      if (!here) show("viewer/");
     }, ANSWER_MS);
     frame.addEventListener("load", fallBack, { once: true });
   }
   keepTheMouse(frame);
   keepTheMouse(tip);
-  place = other ? `${location.protocol}//${other}:${location.port}${PLACE}${ticketPath}` : "viewer/";
-  frame.src = `${place}${query}`;
+  const show = (where) => {
+    place = where;
+    reload(frame, source(""));
+    if (!tip.hidden) reload(tip, source("tip/"));
+  };
+  show(other ? `${location.protocol}//${other}:${location.port}${PLACE}${ticketPath}` : "viewer/");
   const showTip = (yes) => {
     byId("tip-toggle").setAttribute("aria-pressed", yes);
     frame.parentElement.classList.toggle("with-tip", yes);
     tip.hidden = !yes;
-    tip.src = yes ? `${place}tip/${query}` : "about:blank";
+    tip.src = yes ? source("tip/") : "about:blank";
   };
   byId("tip-toggle").addEventListener("click", () => showTip(tip.hidden));
   // A second scene drawn in software would starve the rest of the page; there it is shown when asked for.
-  showTip(innerWidth > 760 && !drawnInSoftware());
+  showTip(innerWidth > 760 && !thin && !drawnInSoftware());
+  return {
+    thin(yes) {
+      detail = yes ? "thin/" : "";
+      if (yes) showTip(false); // it would take as much again; there it is shown when asked for
+      show(place);
+    },
+  };
+}
+
+/** Also where only what is behind the # differs. */
+function reload(frame, source) {
+  frame.src = "about:blank";
+  setTimeout(() => {
+    frame.src = source;
+  });
 }
 
 /**

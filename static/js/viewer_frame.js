@@ -4,6 +4,10 @@
   Document.prototype.hasFocus = function () {
     return !this.hidden;
   };
+  // viser's websocket goes where its page is: which view it is stands behind the #, and belongs into the path.
+  if (location.hash.length > 1) {
+    history.replaceState(null, "", `${location.pathname}${location.hash.slice(1)}${location.search}`);
+  }
   if (parent === window) return;
 
   const tell = (what) => parent.postMessage({ viewer: what }, "*");

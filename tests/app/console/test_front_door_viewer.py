@@ -1,14 +1,18 @@
 """The way to viser, against a real viser server."""
 
+import contextlib
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import msgspec
 import numpy as np
+import psutil
 import pytest
 import viser
+import zstandard
 from viser import _messages
 from websockets import Origin
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -16,7 +20,9 @@ from websockets.sync.client import ClientConnection, connect
 
 from app.console.front_door import FrontDoor
 from app.console.viewer_proxy import LOOKING, OPERATING, may_pass
-from tests.page_fakes import FakeSession, cookie_of
+from tests.app.console.scene_fakes import wait_until
+from tests.page_fakes import FakeSession, PageClient, cookie_of
+from tests.slow_link import SlowLink
 
 SUBPROTOCOL = f"viser-v{viser.__version__}"
 CAMERA = {
@@ -47,11 +53,14 @@ def door(viewer: viser.ViserServer, session: FakeSession) -> Iterator[FrontDoor]
         yield door
 
 
-def look(port: int, path: str = "/viewer/", subprotocols: tuple[str, ...] = (SUBPROTOCOL,)) -> ClientConnection:
+def look(
+    port: int, path: str = "/viewer/", subprotocols: tuple[str, ...] = (SUBPROTOCOL,), origin: int = 0
+) -> ClientConnection:
+    """`origin`: the door's port, when `port` is that of a line to it."""
     return connect(
         f"ws://127.0.0.1:{port}{path}",
         origin=Origin(f"http://127.0.0.1:{port}"),
-        additional_headers={"cookie": cookie_of(port)},
+        additional_headers={"cookie": cookie_of(origin or port)},
         subprotocols=subprotocols or None,
         max_size=None,
     )
@@ -185,3 +194,104 @@ def test_a_viewer_is_cut_off_when_viser_ends(session: FakeSession) -> None:
         server.stop()
         with pytest.raises(ConnectionClosed):
             read_on(client)
+
+
+def test_a_viewer_that_stops_reading_is_cut_off_and_holds_nobody_up(
+    door: FrontDoor, viewer: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.console.viewer_proxy.STUCK_S", 0.3)
+    monkeypatch.setattr("app.console.viewer_proxy.SLOWEST_B_S", 1e9)
+    stuck = connect(
+        f"ws://127.0.0.1:{door.port}/viewer/",
+        origin=Origin(f"http://127.0.0.1:{door.port}"),
+        additional_headers={"cookie": cookie_of(door.port)},
+        subprotocols=[SUBPROTOCOL],
+        max_size=None,
+        max_queue=1,
+        close_timeout=0.1,
+    )
+    cloud = viewer.scene.add_point_cloud("/cloud", np.zeros((50_000, 3), np.float32), (1, 2, 3), precision="float32")
+    with look(door.port) as reader:
+        for i in range(1, 100):
+            # Each is new, so that viser sends it, and as it is, so that it is known again.
+            newest = np.full((50_000, 3), i, np.float32)
+            cloud.points = newest
+            while newest.tobytes() not in reader.recv(10):
+                pass
+            if door.counts["viewer does not read: cut off"]:
+                break
+            time.sleep(0.02)
+        assert door.counts["viewer does not read: cut off"] == 1
+        wait_until(lambda: door.people["views"] == 1)
+        own = stuck.socket.getsockname()[1]
+
+        def connected() -> bool:
+            return any(other.raddr and other.raddr.port == own for other in psutil.Process().net_connections())
+
+        wait_until(lambda: not connected())
+    cloud.remove()
+    stuck.close()
+
+
+def test_a_thin_view_is_another_viser_opened_when_first_asked_for(
+    viewer: viser.ViserServer, session: FakeSession
+) -> None:
+    thin = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    thin.scene.add_frame("/thin")
+    asked = []
+
+    def address() -> tuple[int, str]:
+        asked.append(1)
+        return thin.get_port(), ""
+
+    with FrontDoor("127.0.0.1", 0, viewer.get_port(), session, thin_viewer=address) as door:
+        with look(door.port, "/viewer/p-page/") as full:
+            full.recv(10)
+        assert not asked
+        with look(door.port, "/viewer/p-page/thin/tip/") as client:
+            while b"/thin" not in _unpacked(client.recv(10)):
+                pass
+        assert asked == [1]
+        assert fetch(door, "viewer/thin/tip/").status_code == fetch(door, "viewer/p-1/thin").status_code == 200
+        assert fetch(door, "viewer/thin/other").status_code == 404
+    thin.stop()
+
+
+def test_a_page_is_told_that_its_link_does_not_carry_its_view(
+    door: FrontDoor, viewer: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.console.viewer_proxy.WATCH_S", 0.2)
+    cloud = viewer.scene.add_point_cloud("/cloud", np.zeros((20_000, 3), np.float32), (1, 2, 3), precision="float32")
+
+    def behind(word: str) -> bool:
+        with PageClient(door.port) as page:
+            page.send({"type": "pace", "thin": False, "view": word})
+            page.send({"type": "ping", "stamp": 1.0})
+            return bool(page.next("pong")["behind"])
+
+    with SlowLink(door.port, 200e3) as line, look(line.port, "/viewer/p-slow/", origin=door.port) as slow:
+        reading = threading.Thread(target=_read_to_the_end, args=(slow,), daemon=True)
+        reading.start()
+        number = 0
+
+        def told() -> bool:
+            nonlocal number
+            number += 1
+            cloud.points = np.full((20_000, 3), number, np.float32)
+            return behind("p-slow")
+
+        wait_until(told)
+        assert not behind("p-other")
+    wait_until(lambda: not behind("p-slow"))
+    cloud.remove()
+
+
+def _unpacked(frame: bytes | str) -> bytes:
+    assert isinstance(frame, bytes)
+    packed = frame[16 : 16 + int.from_bytes(frame[8:16], "little")]
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=int.from_bytes(frame[:8], "little"))
+
+
+def _read_to_the_end(connection: ClientConnection) -> None:
+    with contextlib.suppress(ConnectionClosed, TimeoutError):
+        read_on(connection)

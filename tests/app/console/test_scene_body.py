@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from app.console.body import CAP_RINGS, RINGS_PER_SECTION, SIDES, Body
+from app.console.body import Body
+from app.console.detail import FULL
 from app.console.meshes import lathe, quaternions, sweep, sweep_faces, unit_circle
 from cobra.kinematics.tendons import TendonMap
 from tests.app.console.scene_fakes import COBRA, bend_of, elongating, rotation_between, without_tendons
@@ -21,7 +22,7 @@ def body(request):
 
 def rings_of(body, vertices):
     """(rings, sides, 3) of the active segment, without the sleeve behind it and the cap at the tip."""
-    return vertices.reshape(-1, SIDES, 3)[SLEEVE_RINGS:-CAP_RINGS]
+    return vertices.reshape(-1, FULL.sides, 3)[SLEEVE_RINGS : -FULL.cap_rings]
 
 
 def signed_volume(vertices, faces):
@@ -53,7 +54,7 @@ def test_the_tube_does_not_twist_along_the_backbone(body):
     q = np.array(bend_of(body.description, 1.7))
     rings = rings_of(body, body.pose(q).tube)
     offsets = rings - rings.mean(axis=1)[:, None]
-    normals = np.cross(offsets[:, 0], offsets[:, SIDES // 4])
+    normals = np.cross(offsets[:, 0], offsets[:, FULL.sides // 4])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     for here, after, a, b in zip(offsets[:-1], offsets[1:], normals[:-1], normals[1:], strict=True):
         np.testing.assert_allclose(here @ rotation_between(a, b).T, after, atol=1e-9)
@@ -63,11 +64,11 @@ def test_the_tube_ends_round_at_the_tip(body):
     q = np.array(bend_of(body.description, 1.7))
     pose = body.pose(q)
     np.testing.assert_allclose(pose.tip_position, body.backbone.tip(q)[:3, 3], atol=1e-12)
-    cap = pose.tube.reshape(-1, SIDES, 3)[-CAP_RINGS:]
+    cap = pose.tube.reshape(-1, FULL.sides, 3)[-FULL.cap_rings :]
     radii = np.linalg.norm(cap - cap.mean(axis=1)[:, None], axis=2).mean(axis=1)
     assert radii[0] == pytest.approx(body.tube_radius_m)
     assert (np.diff(radii) < 0.0).all()
-    np.testing.assert_allclose(cap[-1], np.tile(pose.tip_position, (SIDES, 1)), atol=1e-9)
+    np.testing.assert_allclose(cap[-1], np.tile(pose.tip_position, (FULL.sides, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize("feed", [0.0, 0.03, 0.15, 0.3, 0.45, 1.0])
@@ -107,7 +108,7 @@ def test_tendons_run_at_their_radius_and_azimuth_and_end_with_their_section():
             expected = section.routing.radius_m * np.array([np.cos(azimuth), np.sin(azimuth)])
             np.testing.assert_allclose(own[:, :, :2], np.broadcast_to(expected, (len(own), 2, 2)), atol=1e-12)
             assert own[-1, 1, 2] == pytest.approx(0.1 * (i + 1))
-            assert len(own) == RINGS_PER_SECTION * (i + 1)
+            assert len(own) == FULL.rings * (i + 1)
             tendon += 1
     assert tendon == len(COBRA.tendon_names)
 

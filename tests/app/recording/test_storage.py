@@ -58,8 +58,9 @@ def test_notes_that_cannot_be_read_count_as_a_mark(folder):
 def test_a_session_goes_with_all_that_belongs_to_it(folder):
     path = storage.recordings(folder)[0]
     storage.write_notes(path, Notes(note="bore 3"))
-    (folder / "2026-01-01_08-00-00_cobra.can.log").write_bytes(bytes(500))
-    assert storage.size_of(path) > 1500
+    for name in ("can.log", "can-20260101-080500-0001.log"):
+        (folder / f"2026-01-01_08-00-00_cobra.{name}").write_bytes(bytes(500))
+    assert storage.size_of(path) > 2000
     storage.delete(path)
     assert not list(folder.glob("2026-01-01*"))
 

@@ -16,7 +16,7 @@ from app.recording.mcap_file import McapFile
 from app.recording.reader import Recording
 from app.recording.writer import SessionWriter
 from cobra.kinematics.backbone import Backbone
-from cobra.messages import Event, encode
+from cobra.messages import Calibration, DriveCalibration, Event, encode
 from tests.recordings import BEGIN_NS, COBRA, START_S, Disk, facts, moving, same, write
 from tests.stack import wait_for
 
@@ -76,7 +76,7 @@ def test_any_mcap_reader_opens_it_and_its_checksums_hold(tmp_path):
         assert counts["/state"] == len(written)
         assert counts["/event"] == 1
         names = {attachment.name for attachment in reader.iter_attachments()}
-        assert names >= {"description.toml", "calibration.json", "versions.json", "settings.json"}
+        assert names >= {"description.toml", "versions.json", "settings.json", "digest.json"}
 
 
 def test_every_message_fits_its_own_schema(tmp_path):
@@ -184,6 +184,28 @@ def test_a_file_being_written_is_locked_until_its_writer_ends(tmp_path):
     assert storage.being_written(tmp_path / "a.mcap")
     writer.stop()
     assert not storage.being_written(tmp_path / "a.mcap")
+
+
+def test_each_calibration_in_force_is_attached_and_the_last_one_counts(tmp_path):
+    writer = SessionWriter(tmp_path / "a.mcap", facts())
+    writer.start()
+    drives = {"E1": DriveCalibration(travel_per_rad=0.01, load_per_A=50.0)}
+    hours_old = Calibration(stamp=START_S - 9000.0, homed=False, drives=drives)
+    zero = msgspec.structs.replace(drives["E1"], zero_rad=1.25)
+    homed = Calibration(stamp=START_S + 0.5, homed=True, drives={"E1": zero})
+    for calibration in (hours_old, hours_old):
+        writer.put("calibration", BEGIN_NS, encode(calibration))
+    for i in range(50):
+        writer.put("state", BEGIN_NS + i * 20_000_000, encode(moving(i / 50)))
+    writer.put("calibration", BEGIN_NS + 500_000_000, encode(homed))
+    writer.stop()
+    with Recording(tmp_path / "a.mcap") as recording:
+        assert channels.decode(recording.attachments["calibration.json"], Calibration) == homed
+        assert recording.start_ns == BEGIN_NS, "what was told first is no clock"
+        assert len(list(recording.states())) == 50
+    with (tmp_path / "a.mcap").open("rb") as file:
+        attached = [entry for entry in make_reader(file).iter_attachments() if entry.name == "calibration.json"]
+    assert [entry.log_time - BEGIN_NS for entry in attached] == [0, 500_000_000]
 
 
 def test_a_recording_never_takes_the_place_of_another(tmp_path):

@@ -74,6 +74,14 @@ def test_a_full_disk_ends_the_log_and_not_the_robot(tmp_path: Path) -> None:
     assert log.dropped > 0
 
 
+def test_the_frames_of_a_robot_process_before_are_kept(tmp_path: Path) -> None:
+    for value in (1, 2):
+        with RawLog(tmp_path / "can.log") as log:
+            log.recorder("main")(plain(0x141, bytes([value] * 8)), False)
+    (aside,) = tmp_path.glob("can-*.log")
+    assert [next(iter(can.LogReader(path))).data[0] for path in (aside, tmp_path / "can.log")] == [1, 2]
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [("can.db", r"must be named \*\.log or \*\.blf"), ("missing/can.log", "cannot be written: No such file")],
