@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import msgspec
 from msgspec import Meta
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from app.console.doorkeeper import CUT, PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
@@ -223,6 +223,11 @@ class PageSocket:
                 self.counts["page does not read: cut off"] += 1
                 websocket.scope[CUT]()
                 raise WebSocketDisconnect(1008) from None
+            except RuntimeError:
+                # The page was closed from this side while its next snapshot was due.
+                if websocket.application_state is WebSocketState.DISCONNECTED:
+                    raise WebSocketDisconnect from None
+                raise
             await asyncio.sleep(THIN_PERIOD_S if page.thin else PERIOD_S)
 
 

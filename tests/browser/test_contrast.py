@@ -99,16 +99,3 @@ def test_the_colours_are_chosen_on_the_page_and_kept(chromium: Any, door: FrontD
     tab.reload()
     assert tab.evaluate(ground) == light
     context.close()
-
-
-def test_the_page_fits_its_smallest_screen_and_a_phone(chromium: Any, door: FrontDoor) -> None:
-    for width, height in ((1280, 720), (390, 844)):
-        context = chromium.new_context(viewport={"width": width, "height": height})
-        tab = context.new_page()
-        tab.goto(door.url)
-        expect(tab.get_by_test_id("state")).to_have_text("Ready")
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
-        box = tab.get_by_test_id("stop").bounding_box()
-        assert 0 <= box["y"] <= height - box["height"], "STOP is in view without scrolling"
-        assert 0 <= box["x"] <= width - box["width"]
-        context.close()
