@@ -105,9 +105,10 @@ def test_the_time_line_shows_what_the_robot_did_and_goes_where_it_is_pointed(rep
         assert painted == ",".join(re.findall(r"\d+", legend)[:3]), word
     events = replay.get_by_test_id("events").locator("li")
     expect(events).to_have_text(["0:00.5blade 7", "0:02.0STOP by ada"])
-    events.nth(1).click()
-    at(replay, "0:02.0")
     expect(events.nth(1).locator("button")).to_have_class("past")
+    events.nth(0).click()
+    at(replay, "0:00.5")
+    expect(events.nth(1).locator("button")).not_to_have_class("past")
 
 
 def test_two_recordings_lie_over_each_other_and_can_be_moved(replay: Any, player: Player) -> None:
