@@ -66,7 +66,26 @@ class Record(NamedTuple):
     data: bytes
 
 
-class Container:
+class Openable:
+    """`with` opens it and closes it."""
+
+    def open(self) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Container(Openable):
     """`with Container(path) as file`. Everything but `records` is known once it is open."""
 
     def __init__(self, path: Path) -> None:
@@ -86,15 +105,6 @@ class Container:
         """Chunks that turned out to be damaged when they were read."""
         self._damaged: set[int] = set()
         self._map: mmap.mmap | None = None
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def open(self) -> None:
         """Find out what is in it.

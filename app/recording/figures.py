@@ -62,7 +62,7 @@ def sample(recording: Recording) -> Curves:
 
 
 def write(recording: Recording, folder: Path) -> list[Path]:
-    """One PNG each: shape.png, tensions.png, tip.png, timing.png."""
+    """One PNG each: shape.png, tensions.png where there are tendons, tip.png, timing.png."""
     curves = sample(recording)
     paths = []
     for name, figure in figures(recording, curves).items():
@@ -74,9 +74,10 @@ def write(recording: Recording, folder: Path) -> list[Path]:
 
 def figures(recording: Recording, curves: Curves) -> dict[str, Figure]:
     """The plots by name."""
+    tensions = {"tensions": _tensions(recording, curves)} if curves.tension_N.size else {}
     return {
         "shape": _shape(recording, curves),
-        "tensions": _tensions(recording, curves),
+        **tensions,
         "tip": _tip(curves),
         "timing": _timing(recording, curves),
     }
@@ -92,7 +93,8 @@ def _shape(recording: Recording, curves: Curves) -> Figure:
         (line,) = bends.plot(curves.time_s, _degrees(curves.measured, where), label=f"{section.name}, measured")
         bends.plot(curves.time_s, _degrees(curves.commanded, where), "--", color=line.get_color(), linewidth=0.8)
     bends.set_ylabel("bend [°]   (dashed: commanded)")
-    bends.legend(loc="upper right")
+    if description.sections:
+        bends.legend(loc="upper right")
     rest.plot(curves.time_s, np.degrees(curves.measured[:, TWIST]), label="twist [°]")
     rest.plot(curves.time_s, 1e3 * curves.measured[:, FEED], label="feed [mm]")
     rest.legend(loc="upper right")

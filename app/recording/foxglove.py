@@ -1,6 +1,6 @@
 """Foxglove's own message types (docs.foxglove.dev, message schemas), so that a recording opens there as it is.
 
-The backbone as a scene, q and the drives as joint states, events as a log. Only the fields that we fill.
+The backbone as a scene, q and the drives as joint states, events as a log. Every field that the published schemas require.
 """
 
 import math
@@ -76,6 +76,10 @@ class LinePrimitive(msgspec.Struct, frozen=True, kw_only=True):
     indices: tuple[int, ...] = ()
 
 
+class Unused(msgspec.Struct, frozen=True):
+    """Of what we draw none; the published schema wants the empty list."""
+
+
 class SceneEntity(msgspec.Struct, frozen=True, kw_only=True):
     timestamp: Time
     frame_id: str = FRAME
@@ -83,17 +87,28 @@ class SceneEntity(msgspec.Struct, frozen=True, kw_only=True):
     lifetime: Time = Time(0, 0)
     frame_locked: bool = True
     lines: list[LinePrimitive]
+    metadata: tuple[Unused, ...] = ()
+    arrows: tuple[Unused, ...] = ()
+    cubes: tuple[Unused, ...] = ()
+    spheres: tuple[Unused, ...] = ()
+    cylinders: tuple[Unused, ...] = ()
+    triangles: tuple[Unused, ...] = ()
+    texts: tuple[Unused, ...] = ()
+    models: tuple[Unused, ...] = ()
 
 
 class SceneUpdate(msgspec.Struct, frozen=True, kw_only=True):
     entities: list[SceneEntity]
+    deletions: tuple[Unused, ...] = ()
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
+    """What is not known is left out."""
+
     name: str
-    position: float
-    velocity: float = 0.0
-    effort: float = 0.0
+    position: float | msgspec.UnsetType = msgspec.UNSET
+    velocity: float | msgspec.UnsetType = msgspec.UNSET
+    effort: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class JointStates(msgspec.Struct, frozen=True, kw_only=True):
@@ -152,14 +167,16 @@ class FoxgloveView:
     def joints(self, state: RobotState, time_ns: int) -> JointStates:
         """q as measured and commanded, then every drive: travel, velocity and load."""
         joints = [
-            JointState(name=f"{kind} {name}", position=value)
+            JointState(name=f"{kind} {name}", position=_known(value))
             for kind, values in (("measured", state.measured), ("commanded", state.commanded))
             for name, value in zip(self._layout.names, values, strict=False)
         ]
         drives = state.drives
         values = zip(self._description.drives, drives.travel, drives.velocity, drives.load, strict=False)
         joints += [
-            JointState(name=f"drive {drive.name}", position=travel, velocity=velocity, effort=load)
+            JointState(
+                name=f"drive {drive.name}", position=_known(travel), velocity=_known(velocity), effort=_known(load)
+            )
             for drive, travel, velocity, load in values
         ]
         return JointStates(timestamp=Time.of(time_ns), joints=joints)
@@ -184,6 +201,10 @@ class FoxgloveView:
 def log_of(event: Event, robot: str, time_ns: int) -> Log:
     """An event as a line of Foxglove's log."""
     return Log(timestamp=Time.of(time_ns), level=LEVELS[event.level], message=event.text, name=robot)
+
+
+def _known(value: float) -> float | msgspec.UnsetType:
+    return value if math.isfinite(value) else msgspec.UNSET
 
 
 def _points(positions: Floats) -> list[Point3]:

@@ -7,14 +7,13 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Final, NamedTuple, Self, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
 from app.recording import channels
 from app.recording.channels import STATE, TYPES
-from app.recording.container import ChunkPlace, Container, Record, RecordingError
+from app.recording.container import ChunkPlace, Container, Openable, Record, RecordingError
 from app.recording.digest import Digest, Digester
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, parse_description
@@ -32,7 +31,7 @@ class Timed(NamedTuple):
     message: Message
 
 
-class Recording:
+class Recording(Openable):
     """`with Recording(path) as recording`. Times are seconds from its first message."""
 
     def __init__(self, path: Path) -> None:
@@ -52,15 +51,6 @@ class Recording:
         self._places: list[ChunkPlace] = []
         self._begins: list[int] = []
         self._cache: OrderedDict[int, list[Record]] = OrderedDict()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def duration_s(self) -> float:

@@ -31,4 +31,4 @@ def calibration_of(stamp_s: float, homed: bool, drivetrain: Drivetrain, tendons:
 
 def _numbers(losses: Losses) -> dict[str, float | tuple[float, ...]]:
     values = {field.name: getattr(losses, field.name) for field in fields(Losses)}
-    return {name: value if isinstance(value, float) else tuple(value.tolist()) for name, value in values.items()}
+    return {name: float(value) if np.ndim(value) == 0 else tuple(value.tolist()) for name, value in values.items()}

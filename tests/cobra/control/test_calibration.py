@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cobra.mechanics.losses import described, to_text
-from cobra.messages import Request
+from cobra.messages import Calibration, Request, decode, encode
 from tests.bench import Bench
 
 
@@ -30,6 +30,7 @@ def test_homing_tells_where_the_zeros_are_and_nothing_else_does():
             travel = (feedback.angle[i] - calibration.zero_rad) * calibration.travel_per_rad
             assert travel == pytest.approx(bench.loop._travel()[i], abs=1e-9)
             assert feedback.current[i] * calibration.load_per_A == pytest.approx(drives.load[i], abs=0.5)
+        assert decode(encode(homed), Calibration) == homed
         assert list(homed.drives) == [drive.name for drive in bench.description.drives]
 
 
