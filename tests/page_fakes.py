@@ -49,6 +49,7 @@ class FakeSession:
             "title": "COBRA",
             "summary": "Three bending sections, twist and feed.",
             "sections": ["base", "middle", "tip"],
+            "bending": [0, 1, 2],
             "limits": {"twist_deg": (-180.0, 180.0), "feed_mm": (0.0, 1000.0), "length_mm": None},
             "speed_levels": [0.25, 0.5, 1.0],
             "tendons": TENDONS,

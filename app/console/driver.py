@@ -204,7 +204,7 @@ class Driver:
         state = link.latest if link else None
         if link is None or state is None:
             return
-        self._pilot.robot_phase(state.phase)
+        self._pilot.robot_phase(state.phase, state.motion.poses)
         with self._lock:
             self._forget_lost_lease(link)
             if not self._lease:

@@ -55,10 +55,13 @@ def _guide(mode: ModeName, d: RobotDescription) -> Guide:
         case "following":
             return _following(d)
         case "straighten":
+            stays = [*_base_moves(d), *_lengthening(d)]
+            keep = f", {_and(stays)} {'stays' if len(stays) == 1 else 'stay'}" if stays else ""
+            straighten = f"what is bent becomes straight{keep}"
             return Guide(
                 mode,
                 "Straighten",
-                "Hold to drive: all sections straighten, twist and feed stay. Letting go stops.",
+                f"Hold to drive: {straighten}. Letting go stops.",
                 *("", "", "", ""),
                 (_hold("straighten while it is held; letting go stops"), *ALWAYS),
             )
@@ -66,9 +69,13 @@ def _guide(mode: ModeName, d: RobotDescription) -> Guide:
             return Guide(
                 mode,
                 "Saved pose",
-                "Choose a pose, then hold to drive: the robot goes there on a straight way of its joints. Letting go stops.",
+                "Choose a pose, then hold to drive: the robot goes there, all its motions arrive together. Letting go stops.",
                 *("", "", "", ""),
-                (_hold("go to the chosen pose while it is held; letting go stops"), *ALWAYS),
+                (
+                    _hold("go to the chosen pose while it is held; letting go stops"),
+                    Line("D-pad left/right", "1 2 3 …", "choose the pose: the one before, the next"),
+                    *ALWAYS,
+                ),
             )
         case _:
             return _section(d)
@@ -92,10 +99,12 @@ def _section(d: RobotDescription) -> Guide:
     lines += _feeding(d, "feed in", "feed out")
     if len(active) > 1:
         lines.append(Line("D-pad left/right", "1 2 3 …", "choose the section: towards the base, towards the tip"))
-    does = "Bend one section at a time, twist and feed." if active else "Twist and feed the body."
+    bends = ["bend one section at a time" if len(active) > 1 else "bend"] if active else []
+    moves = [*bends, *(["lengthen"] if _lengthening(d) else []), *_base_moves(d)]
+    does = f"{_and(moves).capitalize()}{'' if active else ' the body'}.{_by_hand(d)}"
     return Guide(
         "section",
-        "Section" if active else "Twist and feed",
+        "Section" if active else _and(_base_moves(d)).capitalize(),
         does,
         "bend" if active else "",
         "bend" if len(active) > 1 else "",
@@ -114,10 +123,11 @@ def _tip(d: RobotDescription) -> Guide:
     ]
     if d.twist:
         lines.append(Line("Right stick left/right", "Q E", "roll the picture"))
+    share = "; all sections share the work" if len(d.active_sections) > 1 else ""
     return Guide(
         "tip",
         "Tip",
-        "Move the tip where the stick points; all sections share the work. What cannot be reached slows down and stops.",
+        f"Move the tip where the stick points{share}. What cannot be reached slows down and stops.",
         "move tip",
         "roll" if d.twist else "",
         "advance",
@@ -129,17 +139,33 @@ def _tip(d: RobotDescription) -> Guide:
 def _following(d: RobotDescription) -> Guide:
     lines = [_hold(), Line("Left stick", "W A S D", "steer the tip; the path ahead turns with it")]
     lines += _feeding(d, "feed in: the body follows where the tip has been", "feed out, back along the path")
-    by_hand = "" if d.feed else " Feed by hand and say how far."
     return Guide(
         "following",
         "Tip following",
-        f"Steer and feed: the body stays on the path of the tip, and comes back along it.{by_hand}",
+        f"Steer and feed: the body stays on the path of the tip, and comes back along it.{_by_hand(d)}",
         "steer",
         "",
         "feed" if d.feed else "",
         "",
         (*lines, *ALWAYS),
     )
+
+
+def _base_moves(d: RobotDescription) -> list[str]:
+    """What drives do with the base."""
+    return [word for word, there in (("twist", d.twist), ("feed", d.feed)) if there]
+
+
+def _by_hand(d: RobotDescription) -> str:
+    return " Feed by hand and say how far." if d.hand_fed else ""
+
+
+def _lengthening(d: RobotDescription) -> list[str]:
+    return ["length"] if any(d.sections[i].elongation for i in d.active_sections) else []
+
+
+def _and(words: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def _feeding(d: RobotDescription, inwards: str, outwards: str) -> list[Line]:

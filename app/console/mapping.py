@@ -117,14 +117,20 @@ def centred(controls: Controls, profile: Profile) -> bool:
 
 
 def map_controls(
-    controls: Controls, previous: Controls, selection: Selection, profile: Profile, description: RobotDescription
+    controls: Controls,
+    previous: Controls,
+    selection: Selection,
+    profile: Profile,
+    description: RobotDescription,
+    poses: tuple[str, ...] = (),
 ) -> Mapped:
     """Turn one reading into what it asks for; buttons act once, when they go down.
 
-    Values that are not finite or out of range, and a device that is gone, ask for no motion and hold nothing.
+    Values that are not finite or out of range, and a device that is gone, ask for no motion and hold nothing. `poses` are
+    the saved ones, to choose from in pose mode.
     """
     pressed = controls.buttons - previous.buttons
-    chosen = _choose(pressed, selection, description)
+    chosen = _choose(pressed, selection, description, poses)
     able = {"stop", "arm", *(("lock",) if _changes_length(description) else ())}
     actions = tuple(action for button, action in ACTIONS.items() if button in pressed and action in able)
     at_rest = Intent(
@@ -205,20 +211,32 @@ def _changes_length(description: RobotDescription) -> bool:
     return any(description.sections[i].elongation for i in description.active_sections)
 
 
-def _choose(pressed: frozenset[Button], selection: Selection, description: RobotDescription) -> Selection:
-    """One step along the sections that bend and along the speed levels, whose ends do not wrap around; modes and views,
-    each with one button, do."""
-    sections = description.active_sections or (selection.section,)
-    place = sections.index(selection.section) + ("dpad_right" in pressed) - ("dpad_left" in pressed)
+def _choose(
+    pressed: frozenset[Button], selection: Selection, description: RobotDescription, poses: tuple[str, ...]
+) -> Selection:
+    """One step along the sections that bend (in pose mode along the poses) and along the speed levels, whose ends do not
+    wrap around; modes and views, each with one button, do."""
+    along = ("dpad_right" in pressed) - ("dpad_left" in pressed)
+    by_pose = selection.mode == "pose"
     level = selection.level + ("dpad_up" in pressed) - ("dpad_down" in pressed)
     last_level = len(description.teleop.speed_levels) - 1
     return msgspec.structs.replace(
         selection,
-        section=sections[min(max(place, 0), len(sections) - 1)],
+        section=_beside(description.active_sections, selection.section, 0 if by_pose else along),
+        pose=_beside(poses, selection.pose, along if by_pose else 0),
         level=min(max(level, 0), last_level),
         mode=_next(modes_of(description), selection.mode, NEXT_MODE in pressed),
         frame=_next(FRAMES, selection.frame, NEXT_FRAME in pressed),
     )
+
+
+def _beside(choices: tuple[T, ...], chosen: T, step: int) -> T:
+    """The choice so many steps along; what is none of them is before the first and after the last."""
+    if not step or not choices:
+        return chosen
+    if chosen not in choices:
+        return choices[0 if step > 0 else -1]
+    return choices[min(max(choices.index(chosen) + step, 0), len(choices) - 1)]
 
 
 def _next(choices: tuple[T, ...], chosen: T, step: bool) -> T:

@@ -245,6 +245,8 @@ class Welcome(TypedDict):
     title: str
     summary: str
     sections: list[str]
+    bending: list[int]
+    """Indices of the sections with tendons of their own; the others are passive."""
     limits: Limits
     speed_levels: list[float]
     tendons: list[str]

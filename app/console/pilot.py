@@ -124,6 +124,7 @@ class Pilot:
         self._answered = False
         self._phase: Phase | None = None
         self._phase_s = 0.0
+        self._poses: tuple[str, ...] = ()
         self._actions: list[Action] = []
         self._last_end = ""
         self._counts: Counter[str] = Counter()
@@ -153,9 +154,10 @@ class Pilot:
                 self._lose(key, "is gone")
                 del self._sources[key]
 
-    def robot_phase(self, phase: Phase) -> None:
-        """What the robot says it does; to be told with every state that arrives."""
+    def robot_phase(self, phase: Phase, poses: tuple[str, ...] = ()) -> None:
+        """What the robot says it does, and the poses it keeps; to be told with every state that arrives."""
         with self._lock:
+            self._poses = poses
             self._phase, self._phase_s = phase, self._clock.now()
             if not self._driver:
                 return
@@ -249,7 +251,8 @@ class Pilot:
         controls = corrected(controls, source.profile) if source.device else controls  # a page corrects its own pad
         previous, source.controls = source.controls, controls
         source.watch.look(controls)
-        mapped = map_controls(controls, previous, self._selection, self._shape(source), self._description)
+        shape = self._shape(source)
+        mapped = map_controls(controls, previous, self._selection, shape, self._description, self._poses)
         if fault := fault_of(controls):
             self._counts[f"{key}: {fault}"] += 1
         if "stop" in mapped.actions:

@@ -92,6 +92,7 @@ class ConsoleSession:
             title=d.title,
             summary=d.summary,
             sections=[section.name for section in d.sections],
+            bending=list(d.active_sections),
             limits={
                 "twist_deg": d.twist.range_deg if d.twist else None,
                 "feed_mm": (d.feed.range_m[0] * 1e3, d.feed.range_m[1] * 1e3) if d.feed else None,

@@ -31,6 +31,11 @@ export class Instruments {
     byId("tensions").replaceChildren(...groups);
     setText(byId("tension-limit"), `N, limit ${figure(facts.max_tension_N)} N`);
     byId("tensions").closest("section").hidden = facts.tendons.length === 0;
+    byId("bends").hidden = facts.bending.length === 0;
+    showRow("twist", facts.limits.twist_deg);
+    // Fed by hand there is a length and no range of a drive's.
+    showRow("feed", facts.limits.feed_mm || facts.hand_fed);
+    byId("feed").classList.toggle("by-hand", facts.hand_fed);
     this.dials = [];
   }
 
@@ -39,8 +44,9 @@ export class Instruments {
     if (this.dials.length !== state.bends.length) this.#buildDials(state.bends);
     state.bends.forEach((bend, i) => this.#showBend(this.dials[i], bend, i === state.section));
     const { twist_deg: twist, feed_mm: feed } = this.facts.limits;
-    showBar("twist", state.twist_deg, twist, `${figure(state.twist_deg, 1, 6)} °`);
-    showBar("feed", state.feed_mm, feed, `${figure(state.feed_mm, 1, 6)} mm`);
+    if (twist) showBar("twist", state.twist_deg, twist, `${figure(state.twist_deg, 1, 6)} °`);
+    if (feed) showBar("feed", state.feed_mm, feed, `${figure(state.feed_mm, 1, 6)} mm`);
+    else setText(byId("feed-value"), `${figure(state.feed_mm, 1, 6)} mm`);
     ["x", "y", "z"].forEach((axis, i) => {
       setText(byId(`tip-${axis}`), `${axis} ${figure(state.tip_mm[i], 1, 6)} mm`);
     });
@@ -49,7 +55,7 @@ export class Instruments {
   }
 
   #buildDials(bends) {
-    this.dials = bends.map((bend) => {
+    this.dials = bends.map((bend, i) => {
       const box = make("div", "dial");
       box.innerHTML = `
         <svg viewBox="-50 -50 100 100" role="img">
@@ -59,14 +65,21 @@ export class Instruments {
         </svg>`;
       const value = make("output");
       box.append(make("span", "", bend.name), value);
+      const passive = !this.facts.bending.includes(i);
+      box.classList.toggle("passive", passive);
       return {
-        box, value, svg: box.querySelector("svg"), line: box.querySelector("line"), dot: box.querySelector(".dot"),
+        box, passive, value, svg: box.querySelector("svg"), line: box.querySelector("line"), dot: box.querySelector(".dot"),
       };
     });
     byId("bends").replaceChildren(...this.dials.map((dial) => dial.box));
   }
 
   #showBend(dial, bend, chosen) {
+    if (dial.passive) {
+      // No tendon tells how it bends.
+      setText(dial.value, "passive");
+      return;
+    }
     const known = Number.isFinite(bend.deg) && Number.isFinite(bend.dir_deg) && bend.limit_deg > 0;
     const share = known ? Math.min(1.1, bend.deg / bend.limit_deg) : 0;
     const angle = known ? (bend.dir_deg * Math.PI) / 180 : 0;
@@ -85,12 +98,14 @@ export class Instruments {
   }
 }
 
+/** A bar with its name and value: shown where the robot has what it tells. */
+function showRow(id, there) {
+  for (const part of [byId(id).previousElementSibling, byId(id), byId(`${id}-value`)]) part.hidden = !there;
+}
+
 export function showBar(id, value, range, text) {
   const bar = byId(id);
-  const missing = !range;
-  bar.classList.toggle("missing", missing);
-  setText(byId(`${id}-value`), missing ? "fixed" : text);
-  if (missing) return;
+  setText(byId(`${id}-value`), text);
   const [low, high] = range;
   const share = Number.isFinite(value) ? Math.min(1, Math.max(0, (value - low) / (high - low))) : 0;
   const fill = bar.firstElementChild;

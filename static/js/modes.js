@@ -6,6 +6,10 @@ import { byId, figure, make, setText } from "./format.js";
 const FRAMES = { world: "from behind", base: "base", tip: "tip camera" };
 const FEED_WORDS = { feed: ["Feed out", "Feed in"], advance: ["Go back", "Advance"], length: ["Shorten", "Lengthen"] };
 const TWIST_WORDS = { twist: ["Twist left", "Twist right"], roll: ["Roll left", "Roll right"] };
+// The controls of the dock, by what a mode may do with them.
+const CONTROLS = {
+  left: ["stick-left"], right: ["stick-right"], twist: ["twist-left", "twist-right"], feed: ["feed-out", "feed-in"],
+};
 const SPEEDS = ["fine", "normal", "fast"];
 const BEYOND_MM = 0.5; // less is rounding
 const SOURCES = { number: "", measured: ", measured", silent: ", the measuring device is silent" };
@@ -33,6 +37,20 @@ export class Modes {
     byId("frames").replaceChildren(...choice("frame", facts.frames.map((name) => FRAMES[name]), (i) => this.ask("frame", i)));
     byId("frames").parentElement.hidden = !facts.modes.some((mode) => mode.left);
     byId("hand-feed").hidden = !facts.hand_fed;
+    this.#showControls();
+  }
+
+  /** What this robot does in no mode has no control here. */
+  #showControls() {
+    const middle = byId("hold").parentElement;
+    for (const [what, ids] of Object.entries(CONTROLS)) {
+      const never = !this.facts.modes.some((mode) => mode[what]);
+      for (const id of ids) (id.startsWith("stick") ? byId(id).parentElement : byId(id)).hidden = never;
+      middle.classList.toggle(`no-${what}`, never);
+    }
+    const choose = this.facts.bending.length > 1;
+    byId("sections").parentElement.hidden = !choose;
+    middle.classList.toggle("no-section", !choose);
   }
 
   /** Next mode or view, as the keyboard asks. */
@@ -40,6 +58,12 @@ export class Modes {
     if (!this.facts || !this.state) return;
     const names = what === "mode" ? this.facts.modes.map((mode) => mode.name) : this.facts.frames;
     this.ask(what, (names.indexOf(this.state[what]) + 1) % names.length);
+  }
+
+  /** The pose of this number in the list. */
+  pose(index) {
+    const name = this.state?.motion.poses[index];
+    if (name !== undefined) this.ask("pose", null, name);
   }
 
   snapshot(state) {
@@ -61,7 +85,7 @@ export class Modes {
     document.body.dataset.mode = mode.name;
     const section = mode.name === "section";
     nameStick("left", section && mode.left ? "Bend" : "", section ? "section" : mode.left, mode.left);
-    nameStick("right", section && mode.right ? "Bend" : "", section ? this.facts.sections.at(-1) : mode.right, mode.right);
+    nameStick("right", section && mode.right ? "Bend" : "", section ? this.facts.sections[this.facts.bending.at(-1)] : mode.right, mode.right);
     byId("stick-left").classList.toggle("unused", !mode.left);
     byId("stick-right").classList.toggle("unused", !mode.right);
     const [out, inwards] = FEED_WORDS[mode.feed] ?? FEED_WORDS.feed;
@@ -71,7 +95,7 @@ export class Modes {
       setText(byId(id).querySelector("span"), word);
       byId(id).classList.toggle("unused", !mode[id.split("-")[0]]);
     }
-    byId("sections").parentElement.classList.toggle("unused", !section || this.facts.sections.length < 2 || !mode.left);
+    byId("sections").parentElement.classList.toggle("unused", !section);
     byId("pad-map").replaceChildren(...mode.lines.map((line) => row(line.pad, line.does)));
     const keys = mode.lines.filter((line) => line.keys).map((line) => row(line.keys, line.does));
     byId("key-map").replaceChildren(...keys, row("T  N  K", "tip view; a note or a mark; alarms are seen"), row("Tab, Enter", "go to a button of the page, press it"));

@@ -177,7 +177,9 @@ for (const id of ["hold", "twist-left", "twist-right", "feed-in", "feed-out"]) h
 listenToKeys(driving, {
   stop,
   section: (index) => {
-    if (facts && index < facts.sections.length) ask("section", index);
+    if (!facts || !state) return;
+    if (state.mode === "pose") modes.pose(index);
+    else if (index < facts.bending.length) ask("section", facts.bending[index]);
   },
   next: (what) => modes.next(what),
   tip: () => byId("tip-toggle").click(),
@@ -223,7 +225,8 @@ function showFacts() {
   setText(byId("user"), `${facts.user}, ${facts.role}`);
   byId("danger").hidden = !facts.danger;
   setText(byId("danger"), facts.danger);
-  byId("sections").replaceChildren(...choice("section", facts.sections, (i) => ask("section", i)));
+  const bending = facts.bending.map((i) => facts.sections[i]);
+  byId("sections").replaceChildren(...choice("section", bending, (i) => ask("section", facts.bending[i])));
   byId("speeds").replaceChildren(...choice("speed", speedLabels(facts.speed_levels), (i) => ask("speed", i)));
 }
 
@@ -241,7 +244,7 @@ function draw() {
   alarms.snapshot(state);
   plot.snapshot(state);
   showWho(phase);
-  press("sections", state.section);
+  press("sections", facts.bending.indexOf(state.section));
   press("speeds", state.speed);
   modes.snapshot(state);
   instruments.snapshot(state);

@@ -146,6 +146,26 @@ def test_the_dpad_steps_through_sections_and_speeds_and_stops_at_their_ends(butt
     assert map_controls(pressed, pressed, after, LINEAR, COBRA).selection == after, "held is not pressed again"
 
 
+@pytest.mark.parametrize(
+    ("chosen", "button", "then"),
+    [
+        ("", "dpad_right", "look"),
+        ("", "dpad_left", "rest"),
+        ("look", "dpad_right", "turn"),
+        ("rest", "dpad_right", "rest"),
+        ("look", "dpad_left", "look"),
+        ("deleted since", "dpad_right", "look"),
+    ],
+)
+def test_in_pose_mode_the_dpad_steps_through_the_saved_poses_and_leaves_the_section(chosen, button, then):
+    pressed, before = Controls(buttons=frozenset({button})), Selection(1, 1, "pose", pose=chosen)
+    assert map_controls(pressed, REST, before, LINEAR, COBRA, ("look", "turn", "rest")).selection == Selection(
+        1, 1, "pose", pose=then
+    )
+    assert map_controls(pressed, REST, before, LINEAR, COBRA).selection == before, "where none is saved"
+    assert map_controls(pressed, REST, Selection(1, 1), LINEAR, COBRA, ("look",)).selection.pose == ""
+
+
 def test_passive_sections_are_passed_over():
     sections = (*COBRA.sections[:1], msgspec.structs.replace(COBRA.sections[1], routing=None), *COBRA.sections[2:])
     gap = msgspec.structs.replace(COBRA, sections=sections)
@@ -328,4 +348,8 @@ def test_each_mode_has_a_guide_that_names_only_what_acts_in_it():
             assert any(intent.primary) == bool(guide.left) == ("Left stick" in told), (robot.name, guide.name)
             assert any((intent.feed, intent.length)) == bool(guide.feed), (robot.name, guide.name)
             assert guide.help.endswith(".")
+            words = f"{guide.help} {' '.join(line.does for line in guide.lines)}"
+            assert robot.twist or "twist" not in words, (robot.name, guide.name)
+            assert robot.feed or robot.hand_fed or "feed" not in words.lower(), (robot.name, guide.name)
+            assert len(robot.active_sections) > 1 or "all sections" not in words, (robot.name, guide.name)
             assert all(line.does for line in guide.lines)
