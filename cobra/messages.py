@@ -396,11 +396,14 @@ class Touch(Message, frozen=True, kw_only=True):
 
 
 def tensions_of(description: RobotDescription, state: RobotState) -> tuple[float, ...]:
-    """Tension of each tendon [N]: estimated where it is known, else the load of its drive with the gear's friction in it."""
+    """Tension of each tendon [N]: estimated where it is known, else the load of its drive with the gear's friction in it.
+
+    A tendon only pulls: a drive that pushes against its own friction shows no tension.
+    """
     known = state.tendons.tension
     if len(known) == len(description.tendon_names):
         return known
-    return tuple(state.drives.load[i] for i in description.tendon_drives)
+    return tuple(max(state.drives.load[i], 0.0) for i in description.tendon_drives)
 
 
 class Meta(Message, frozen=True, kw_only=True):

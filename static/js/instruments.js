@@ -29,7 +29,6 @@ export class Instruments {
       return { column, fill, value };
     });
     byId("tensions").replaceChildren(...groups);
-    setText(byId("tension-limit"), `N, limit ${figure(facts.max_tension_N)} N`);
     byId("tensions").closest("section").hidden = facts.tendons.length === 0;
     byId("bends").hidden = facts.bending.length === 0;
     showRow("twist", facts.limits.twist_deg);
@@ -51,6 +50,8 @@ export class Instruments {
       setText(byId(`tip-${axis}`), `${axis} ${figure(state.tip_mm[i], 1, 6)} mm`);
     });
     const limit = state.tension_limits?.max ?? this.facts.max_tension_N;
+    const friction = state.tendons?.compensation === "none" ? " with the gears' friction" : "";
+    setText(byId("tension-limit"), `N${friction}, limit ${figure(limit)} N`);
     this.columns.forEach((column, i) => showTension(column, state.tensions[i], limit));
   }
 

@@ -88,8 +88,8 @@ export class Modes {
     nameStick("right", section && mode.right ? "Bend" : "", section ? this.facts.sections[this.facts.bending.at(-1)] : mode.right, mode.right);
     byId("stick-left").classList.toggle("unused", !mode.left);
     byId("stick-right").classList.toggle("unused", !mode.right);
-    const [out, inwards] = FEED_WORDS[mode.feed] ?? FEED_WORDS.feed;
-    const [left, right] = TWIST_WORDS[mode.twist] ?? TWIST_WORDS.twist;
+    const [out, inwards] = FEED_WORDS[mode.feed || this.#elsewhere("feed")] ?? FEED_WORDS.feed;
+    const [left, right] = TWIST_WORDS[mode.twist || this.#elsewhere("twist")] ?? TWIST_WORDS.twist;
     const words = { "feed-out": out, "feed-in": inwards, "twist-left": left, "twist-right": right };
     for (const [id, word] of Object.entries(words)) {
       setText(byId(id).querySelector("span"), word);
@@ -99,6 +99,11 @@ export class Modes {
     byId("pad-map").replaceChildren(...mode.lines.map((line) => row(line.pad, line.does)));
     const keys = mode.lines.filter((line) => line.keys).map((line) => row(line.keys, line.does));
     byId("key-map").replaceChildren(...keys, row("T  N  K", "tip view; a note or a mark; alarms are seen"), row("Tab, Enter", "go to a button of the page, press it"));
+  }
+
+  /** What a control does in the first mode that has a use for it: its name where it has none. */
+  #elsewhere(what) {
+    return this.facts.modes.find((mode) => mode[what])?.[what];
   }
 
   /** One line: what is wrong before what binds, before what the mode is for. */
