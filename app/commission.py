@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from app import places, runtime
+from app import runtime
 from app.bus_routes import rerouted, route_of
+from app.calibrations import calibrations
 from app.simulated_robot import is_simulated, simulated
 from cobra.clock import SystemClock
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
@@ -256,12 +257,6 @@ def history(where: Where) -> int:
     if not versions:
         print("there is none yet: `cobra-teleop motors home` makes the first")
     return 0
-
-
-def calibrations(description: RobotDescription) -> CalibrationBook:
-    """Where the calibrations of a robot are kept, each serial its own."""
-    name = f"{description.name}-{description.serial}" if description.serial else description.name
-    return CalibrationBook(description, places.data_folder() / "calibration" / name)
 
 
 def _points(

@@ -15,6 +15,12 @@ WORTH_NOTING = {
     "arm": "armed",
     "disarm": "disarmed",
     "home": "homed",
+    "identify": "moved a drive to identify it",
+    "test": "tested drives",
+    "home_repeatedly": "homed repeatedly",
+    "tare": "tared load cells",
+    "calibrate_cell": "calibrated a load cell",
+    "abort": "ended a step of commissioning",
     "clear": "cleared the stop",
     "quit": "quit",
 }

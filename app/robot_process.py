@@ -14,6 +14,7 @@ import msgspec
 
 from app import logs, places, runtime
 from app.bus_routes import rerouted
+from app.calibrations import calibrations
 from app.link import RobotLink
 from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
 from app.people.audit import AuditTrail
@@ -28,6 +29,7 @@ from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.description import RobotDescription
 from cobra.loading import description_text
 from cobra.messages import Event, Meta, Walls
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
 from cobra.simulation.environments import Environment
@@ -87,7 +89,8 @@ def run_robot(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
     believed = simulation.told(description) if is_simulated(description) else description
-    with open_bus(description, clock, can_log) as bus:
+    cells = LoadCells(description, clock)
+    with open_bus(description, clock, can_log, cells) as bus:
         world = _world(description)
         link = RobotLink(
             description.name,
@@ -108,7 +111,10 @@ def run_robot(
             _all(link.publish_heard, deeds.heard),
             poses,
             link.publish_calibration,
+            cells,
+            calibrations(description),
         )
+        loop.commissioning.start()
         poses.complain = loop.warn
         poses.start()
         pushes = TwinPushes(world.plant, description, clock) if world and world.plant else None
@@ -136,6 +142,7 @@ def run_robot(
             runtime.unregister("robot", description.name)
             for helper in helpers:
                 helper.join(1.0)
+            loop.commissioning.stop()
             poses.stop()
             link.stop()
             trail.stop()

@@ -10,7 +10,7 @@ import msgspec
 
 from cobra.description import RobotDescription
 
-Phase = Literal["disarmed", "homing", "ready", "driving", "holding", "stopped", "fault"]
+Phase = Literal["disarmed", "commissioning", "homing", "ready", "driving", "holding", "stopped", "fault"]
 Pair = tuple[float, float]
 
 COMMAND_VALIDITY_S = 0.2
@@ -220,6 +220,32 @@ class LockReport(Message, frozen=True, kw_only=True):
     """What that means now, or why what was asked is refused."""
 
 
+class Commissioned(Message, frozen=True, kw_only=True):
+    """One thing that a step of commissioning found out."""
+
+    drive: str
+    """Or the tendon whose zero or load cell it is about."""
+    check: str
+    ok: bool
+    words: str
+
+
+class CommissioningReport(Message, frozen=True, kw_only=True):
+    """The step of commissioning that runs, or that ran last."""
+
+    step: str = ""
+    """What was asked for: identify, test, home_repeatedly, tare or calibrate_cell; empty before the first."""
+    doing: str = ""
+    """In words, while it runs."""
+    outcome: str = ""
+    """running, done, or ended: before it was done."""
+    words: str = ""
+    """Why it was ended."""
+    found: tuple[Commissioned, ...] = ()
+    calibration: str = ""
+    """The one in use: version, date and what was done, in words; empty before any."""
+
+
 PATH_POINTS = 60
 """At most so many points of the path are told: it is drawn, not computed with."""
 
@@ -309,6 +335,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     timing: Timing = Timing()
     motion: MotionReport = MotionReport()
     lock: LockReport = LockReport()
+    commissioning: CommissioningReport = CommissioningReport()
 
 
 class Judged(Message, frozen=True, kw_only=True):

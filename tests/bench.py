@@ -7,6 +7,7 @@ from cobra.control.loop import RobotLoop
 from cobra.description import RobotDescription
 from cobra.loading import load_description
 from cobra.messages import Calibration, Command, Event, Intent, Reply, Request, RobotState, encode
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.losses import Losses
 from cobra.simulation.options import Simulation, TwinKind
@@ -41,7 +42,8 @@ class Bench:
         self.mode = "section"
 
     def __enter__(self):
-        self._bus = open_bus(self.description, self.clock)
+        cells = LoadCells(self.description, self.clock)
+        self._bus = open_bus(self.description, self.clock, cells=cells)
         self._bus.open()
         self.loop = RobotLoop(
             self.believed,
@@ -50,6 +52,7 @@ class Bench:
             self.states.append,
             self.events.append,
             calibrated=self.calibrations.append,
+            cells=cells,
         )
         reply = self.ask(Request(what="acquire", who="test"))
         self.lease, self.epoch = reply.lease, reply.epoch

@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 from websockets import Origin
 from websockets.sync.client import connect
 
+from app.console.commissioning_view import commissioning_state
 from app.console.guides import guides
 from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN, FRAMES
@@ -104,6 +105,7 @@ class FakeSession:
             "feed_mm": 300.0,
             "length_mm": None,
             "lock": {"status": "none", "words": ""},
+            "commissioning": commissioning_state(None),
             "tendons": {"compensation": "none", "words": "", "warnings": []},
             "tip_mm": [41.2, -18.7, 262.4],
             "tensions": [2.0 + 28.0 * (1 + math.sin(i)) for i in range(12)],

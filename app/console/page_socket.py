@@ -66,6 +66,12 @@ What = Literal[
     "compensation",
     "unlock",
     "mark",
+    "identify",
+    "test",
+    "home_repeatedly",
+    "tare",
+    "calibrate_cell",
+    "abort",
 ]
 
 _log = logging.getLogger(__name__)
@@ -103,7 +109,8 @@ class PageSession(Protocol):
         """A request that the asker's role allows.
 
         `value` is the index for section, speed, mode and frame, and 1 or 0 for console_pad; `text` is the reason for
-        take, the name for grant and refuse, the note for mark, a pose's name, and for hand_feed a length in millimetres.
+        take, the name for grant and refuse, the note for mark, a pose's name, for hand_feed a length in millimetres, and for
+        steps of commissioning a drive's or tendon's name (calibrate_cell: and newtons); their `value` is how often to home.
         """
 
     def audit(self) -> Awaitable[list[Deed]]:

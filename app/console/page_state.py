@@ -5,6 +5,7 @@ Numbers that are not known (not measured yet, not finite) are None; the page sho
 
 from typing import NotRequired, TypedDict
 
+from app.console.commissioning_view import CommissioningState
 from app.people.roles import Role
 from cobra.messages import Phase
 
@@ -220,6 +221,7 @@ class Snapshot(TypedDict):
     console_rate: float
     """States that reached the console in the last second [Hz]."""
     recording: RecordingState
+    commissioning: CommissioningState
 
 
 class TendonsState(TypedDict):

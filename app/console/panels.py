@@ -36,6 +36,7 @@ STYLE = """<style>
 
 PHASES = {
     "disarmed": "disarmed",
+    "commissioning": "commissioning",
     "homing": "homing",
     "ready": "ready",
     "driving": "driving",

@@ -42,6 +42,7 @@ ANSWER_S = 1.0
 
 WHY_NOT: dict[Phase, str] = {
     "disarmed": "the robot is disarmed: arm it first",
+    "commissioning": "a step of commissioning runs: wait until it is done",
     "homing": "the robot is homing: wait until it is ready",
     "holding": "the robot holds: see the cause",
     "stopped": "STOP is latched: clear it first",

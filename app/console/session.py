@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from app.console.commissioning_view import commissioning_request, commissioning_state
 from app.console.guides import guides
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import FRAMES
@@ -144,6 +145,7 @@ class ConsoleSession:
             "events": self._events(state),
             "console_rate": self._robot.rate(),
             "recording": self._recording(),
+            "commissioning": commissioning_state(state),
         }
         return cast(
             Snapshot,
@@ -193,6 +195,9 @@ class ConsoleSession:
             case "acquire" | "release" | "take" | "ask" | "withdraw" | "grant" | "refuse" | "console_pad":
                 who = Occupant(asker.visitor.name, page)
                 return self._later(lambda: self._driver.change(who, what, text, bool(value)))
+            case "identify" | "test" | "home_repeatedly" | "tare" | "calibrate_cell" | "abort":
+                request, refusal = commissioning_request(what, value, text)
+                return _answer(refusal) if request is None else self._ask(request, asker)
             case "compensation":
                 return self._ask(Request(what=what, value=float(bool(value))), asker)
             case _:

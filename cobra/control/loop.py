@@ -17,6 +17,7 @@ from cobra.clock import Clock
 from cobra.control.authority import Authority
 from cobra.control.calibration import calibration_of
 from cobra.control.cell_watch import CellWatch, cells_report
+from cobra.control.commissioning import Commissioning
 from cobra.control.drive_watch import DriveWatch, Watched
 from cobra.control.drivetrain import Drivetrain
 from cobra.control.final_action import FinalAction
@@ -39,6 +40,8 @@ from cobra.mechanics.losses import LossesError, from_text
 from cobra.messages import Calibration, Command, Event, HandFedLength, Heard, Reply, Request, RobotState, Stop, decode
 from cobra.motors.bus import BusError, Feedback, MotorBus
 from cobra.motors.bus_load import busiest
+from cobra.motors.calibration import CalibrationBook
+from cobra.motors.cell_readings import LoadCells
 from cobra.motors.homing import Homing, HomingError
 
 Floats = NDArray[np.float64]
@@ -66,6 +69,8 @@ class RobotLoop:
         testify: Callable[[Heard], None] = lambda heard: None,
         poses: PoseBook | None = None,
         calibrated: Callable[[Calibration], None] = lambda calibration: None,
+        cells: LoadCells | None = None,
+        calibrations: CalibrationBook | None = None,
     ) -> None:
         self.description = description
         self.clock = clock
@@ -98,6 +103,15 @@ class RobotLoop:
         self.requests.acts.update(
             compensation=self._compensate, pretension=self._tighten, parameters=self._take_parameters
         )
+        self.commissioning = Commissioning(
+            description,
+            self.drivetrain,
+            cells if cells is not None else LoadCells(description, clock),
+            calibrations or CalibrationBook(description, None),
+            self._stand_ready,
+            self.warn,
+        )
+        self.requests.acts.update(self.commissioning.acts)
         self._limits = DriveLimits(description)
         self._watch = DriveWatch(description)
         self._watched: Watched | None = None
@@ -113,6 +127,8 @@ class RobotLoop:
         # but the rate is the bus's.
         self._overlapped = busiest(description) > OVERLAP
         self._bias = np.zeros(len(description.drives))
+        self._procedural = False
+        """Homing or commissioning decided on the last setpoint."""
         self._limited = ""
         self._tick = 0
         self._told: tuple[str, str] = ("", "")
@@ -271,14 +287,8 @@ class RobotLoop:
         reasons = self.supervisor.arming_reasons(Health(blocking=health.blocking), self._drive, now_s)
         if reasons:
             return Reply(ok=False, reasons=reasons)
-        try:
-            reasons = self.drivetrain.bus.enable()
-        except BusError as error:
-            reasons = (str(error),)
-        if reasons or self.drivetrain.feedback is None:
-            return Reply(ok=False, reasons=reasons or ("the motors have not answered yet",))
-        self.drivetrain.exchange(None)
-        self._start_from_measured(self.drivetrain.feedback)
+        if reasons := self._switch_on():
+            return Reply(ok=False, reasons=reasons)
         if not self.supervisor.homed:
             self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.armed()
@@ -292,6 +302,29 @@ class RobotLoop:
         self._homing = Homing(self.description, self.drivetrain.tendons.bending)
         self.supervisor.start_homing()
         return Reply(ok=True)
+
+    def _switch_on(self) -> tuple[str, ...]:
+        """The drives take setpoints from where they stand. What prevents it, in words."""
+        try:
+            reasons = self.drivetrain.bus.enable()
+        except BusError as error:
+            reasons = (str(error),)
+        if reasons or self.drivetrain.feedback is None:
+            return reasons or ("the motors have not answered yet",)
+        self.drivetrain.exchange(None)
+        self._start_from_measured(self.drivetrain.feedback)
+        return ()
+
+    def _stand_ready(self, health: Health, now_s: float) -> tuple[str, ...]:
+        """For a step of commissioning: switched on and standing. What prevents it, in words."""
+        if self.supervisor.phase not in ("disarmed", "fault", "ready", "holding"):
+            return ("not while it moves or is stopped",)
+        reasons = self.supervisor.arming_reasons(Health(blocking=health.blocking), self._drive, now_s)
+        if not reasons and self._setpoint is None:
+            reasons = self._switch_on()
+        if not reasons:
+            self.supervisor.start_commissioning()
+        return reasons
 
     def _start_from_measured(self, feedback: Feedback) -> None:
         """Bumpless: the first setpoint after switching on is where the drives stand."""
@@ -321,11 +354,18 @@ class RobotLoop:
             return self._step_final()
         if self._setpoint is None:
             return None
+        procedural = self.supervisor.phase in ("homing", "commissioning")
         if self.supervisor.phase == "homing":
             self._setpoint = self._step_homing(self._setpoint)
+        elif self.supervisor.phase == "commissioning":
+            self._setpoint = self._step_commissioning(self._setpoint)
         else:
             self._homing = None
+            if self._procedural:
+                # Ended on the way: it stays where it is, and does not go back to where it began.
+                self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
             self._setpoint = self._step_motion(moving, self._setpoint)
+        self._procedural = procedural and self.supervisor.phase != "ready"
         return self._setpoint
 
     def _step_homing(self, setpoint: Floats) -> Floats:
@@ -336,8 +376,30 @@ class RobotLoop:
         except HomingError as error:
             self.supervisor.homing_failed(str(error))
             return setpoint
-        if not self._homing.done:
+        return self._take_zero(target) if self._homing.done else target
+
+    def _step_commissioning(self, setpoint: Floats) -> Floats | None:
+        step = self.commissioning
+        target = step.advance(setpoint, self.period_s)
+        if step.done and step.homes:
+            target = self._take_zero(target)
+            step.homed(target)
+            step.forget()
             return target
+        if step.done:
+            if step.loosens:
+                self.supervisor.homed = False
+            self._switch_off()
+            self.supervisor.disarmed()
+            step.forget()
+            return None
+        if step.failed:
+            self.supervisor.homed = False
+            self.supervisor.hold(f"commissioning was ended: {step.failed}. The drives stand; disarm, or try again.")
+            step.forget()
+        return target
+
+    def _take_zero(self, target: Floats) -> Floats:
         # Zero is where the tendons carry their pretension now; twist and feed keep what they are taken for.
         home = self.motion.configuration.home()
         rest = self.drivetrain.travel_of(home)
@@ -432,7 +494,12 @@ class RobotLoop:
         supervisor, now = self.supervisor, self.clock.now()
         travel = self._travel()
         waiting = supervisor.phase in ("disarmed", "fault", "stopped")
-        doing = self._homing.progress if self._homing else ""
+        doing = self._homing.progress if self._homing else self.commissioning.report().doing
+        if self.commissioning.running and supervisor.phase != "commissioning":
+            # Whatever led out of it, STOP or a fault, is why it ended.
+            self.commissioning.end(supervisor.cause or supervisor.phase)
+            self.commissioning.forget()
+            supervisor.homed = False
         return RobotState(
             robot=self.description.name,
             stamp=now,
@@ -458,6 +525,7 @@ class RobotLoop:
             tendons=self.tendons.report(),
             cells=cells_report(self.description, self.drivetrain.feedback.cells) if self.drivetrain.feedback else (),
             lock=self.locking.report(),
+            commissioning=self.commissioning.report(),
             motion=self.motion.report(now),
         )
 

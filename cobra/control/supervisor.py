@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from cobra.messages import COMMAND_VALIDITY_S, Command, Phase
 from cobra.motors.bus import HOME_AGAIN
 
+ATTENDED_S = 1.0
+"""Commissioning moves without a dead-man, but never without a driver at the page."""
 CENTRED = 0.02
 """A stick that reads more than this is not centred."""
 
@@ -29,7 +31,7 @@ class Drive:
 
 
 class Supervisor:
-    """disarmed → homing → ready → driving → holding → stopped / fault.
+    """disarmed → (commissioning →) homing → ready → driving → holding → stopped / fault.
 
     Holding is leaving `driving` (or `ready`) for a reason other than letting go. From there, and after every end of
     driving, the driver must release the dead-man and centre the sticks before the next press moves anything.
@@ -61,6 +63,11 @@ class Supervisor:
         """The drives took their setpoints."""
         self._armed = True
         self._enter("ready" if self.homed else "homing")
+
+    def start_commissioning(self) -> None:
+        """The drives took their setpoints, for a step of commissioning."""
+        self._armed = True
+        self._enter("commissioning")
 
     def start_homing(self) -> None:
         self.homed = False
@@ -100,8 +107,10 @@ class Supervisor:
         if health.faults and self._armed and self.phase != "stopped":
             self._armed = False
             self._enter("fault", f"{health.faults[0]}. The drives stand still; arm again when it is mended.")
-        elif health.blocking and self.phase in ("ready", "driving", "homing"):
+        elif health.blocking and self.phase in ("ready", "driving", "homing", "commissioning"):
             self._enter("holding", health.blocking[0])
+        elif self.phase == "commissioning" and (drive is None or now_s - drive.arrival_s > ATTENDED_S):
+            self._enter("holding", "commissioning was ended: the driver's commands stopped arriving")
         elif self.phase == "driving":
             self._keep_driving(now_s, drive)
         elif self.phase in ("ready", "holding"):

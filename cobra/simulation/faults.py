@@ -134,11 +134,26 @@ class FaultDesk:
         self._world.servos.supply_V = volts
         return f"the supply is at {volts:g} V"
 
+    def mute_cell(self, words: list[str]) -> str:
+        names = self._cells(words)
+        for amplifier in self._world.amplifiers.values():
+            amplifier.mute |= any(cell.tendon in names for cell in amplifier.cells)
+        return f"the amplifier of the load cell of {', '.join(names)} is silent"
+
+    def saturate_cell(self, words: list[str]) -> str:
+        names = self._cells(words)
+        for amplifier in self._world.amplifiers.values():
+            amplifier.saturated |= {cell.tendon for cell in amplifier.cells} & set(names)
+        return f"the load cell of {', '.join(names)} is at the end of its range"
+
     def heal(self, words: list[str]) -> str:
         servos = self._world.servos
         servos.supply_V = self._supply_V
         servos.stalled.clear()
         servos.heated_C.clear()
+        for amplifier in self._world.amplifiers.values():
+            amplifier.mute = False
+            amplifier.saturated.clear()
         for bus in self._description.buses:
             wire_of(self._channel, bus.name).faults = WireFaults()
         return "all is well again, but for broken tendons and slipped encoders"
@@ -150,6 +165,12 @@ class FaultDesk:
         if not words or words[0] not in (*names, "all"):
             given = f"no drive {words[0]!r}" if words else "say which drive"
             raise FaultError(f"{given}; there are all, {', '.join(names)}")
+        return names if words[0] == "all" else [words[0]]
+
+    def _cells(self, words: list[str]) -> list[str]:
+        names = [cell.tendon for cell in self._description.load_cells]
+        if not words or words[0] not in (*names, "all"):
+            raise FaultError(f"say of which tendon; load cells have {', '.join(names) or 'none'}")
         return names if words[0] == "all" else [words[0]]
 
     def _number(self, words: list[str], at: int, low: float, high: float, default: float) -> float:
@@ -183,5 +204,7 @@ FAULTS = {
     "break": _Fault("break DRIVE|all", "its tendon breaks", FaultDesk.cut),
     "slip": _Fault("slip DRIVE|all [DEG]", "its encoder slips", FaultDesk.slip),
     "undervoltage": _Fault("undervoltage [V]", "of the supply of all", FaultDesk.undervoltage),
+    "mute-cell": _Fault("mute-cell TENDON|all", "its load cell's amplifier is silent", FaultDesk.mute_cell),
+    "saturate-cell": _Fault("saturate-cell TENDON|all", "its load cell reads its range's end", FaultDesk.saturate_cell),
     "heal": _Fault("heal", "end all faults that can be mended", FaultDesk.heal),
 }

@@ -10,6 +10,9 @@ from cobra.motors.load_cells import encode_reading
 from cobra.simulation.node import Frame
 from cobra.simulation.plant import Floats
 
+SATURATED_N = 1e9
+"""More than any type holds."""
+
 
 class LoadCellAmplifier:
     """A node on the bus that sends one frame with the readings of one or more cells."""
@@ -31,6 +34,10 @@ class LoadCellAmplifier:
         self._rng = rng
         self.bias_N = tuple(float(rng.uniform(-cell.bias_N, cell.bias_N)) for cell in cells)
         """What each reads without any force."""
+        self.mute = False
+        """It sends nothing any more."""
+        self.saturated: set[str] = set()
+        """Tendons whose cells read the end of their range."""
         self._period_s = 1.0 / cells[0].rate_Hz
         self._due_s = clock.now() + self._period_s * float(rng.uniform())
 
@@ -44,10 +51,13 @@ class LoadCellAmplifier:
         if now < self._due_s:
             return []
         self._due_s = max(self._due_s + self._period_s, now)
+        if self.mute:
+            return []
         load = self._load()
         frame = bytearray(max(cell.byte_offset + cell.size for cell in self.cells))
         for cell, index, bias in zip(self.cells, self._indices, self.bias_N, strict=True):
-            encode_reading(cell, float(load[index]) + bias + cell.noise_N * self._rng.standard_normal(), frame)
+            force = float(load[index]) + bias + cell.noise_N * self._rng.standard_normal()
+            encode_reading(cell, SATURATED_N if cell.tendon in self.saturated else force, frame)
         return [(self.cells[0].frame_id, bytes(frame))]
 
 

@@ -3,7 +3,7 @@
 import { byId, make } from "./format.js";
 
 const BAND = 10; // height of a band of phases [px]
-const COLORS = { ready: "--good", driving: "--go", homing: "--busy", holding: "--warn", stopped: "--bad", fault: "--bad" };
+const COLORS = { ready: "--good", driving: "--go", homing: "--busy", commissioning: "--busy", holding: "--warn", stopped: "--bad", fault: "--bad" };
 
 export class TimeLine {
   /** @param seek called with the time [s] that was pointed at */

@@ -2,6 +2,7 @@
 
 const STATES = {
   disarmed: ["Disarmed", "The drives are off. Arm to begin."],
+  commissioning: ["Commissioning", "Drives move a little by themselves. Keep clear; STOP and End this step work."],
   homing: ["Homing", "Tendons wind to pretension and are zeroed. Keep clear."],
   ready: ["Ready", "Hold LB, the space bar or an on-screen control to drive."],
   driving: ["Driving", "Let go to stop."],
@@ -13,7 +14,7 @@ const STATES = {
   silent: ["No data", "The robot's state does not arrive. What is shown is old."],
 };
 
-const POWERED = ["homing", "ready", "driving", "holding", "stopped"];
+const POWERED = ["homing", "commissioning", "ready", "driving", "holding", "stopped"];
 
 /** The phase as the page shows it: what is known about the link outweighs what the last state said. */
 export function shownPhase(state, connected) {
@@ -53,6 +54,7 @@ export function reasonsTitle(phase, reasons) {
 }
 
 export const REQUESTS = {
+  identify: "Identify", test: "Test", home_repeatedly: "Homing", tare: "Tare", calibrate_cell: "Calibration", abort: "Ending",
   arm: "Arm", disarm: "Disarm", home: "Home", clear: "Clear", stop: "STOP", quit: "Quit",
   lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
   mode: "Mode", frame: "View", pose: "Pose",

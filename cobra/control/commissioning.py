@@ -1,0 +1,271 @@
+"""Commissioning through the robot process: a driver asks for one step at a time, the loop carries it out, STOP always works.
+
+A step begins on standing drives, moves them as its procedure says, and ends done, or held with the reason. The calibration that
+it gives is kept by a thread of its own; the newest one is in use from the start.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+from cobra.control.drivetrain import Drivetrain
+from cobra.control.requests import Act
+from cobra.control.supervisor import Health
+from cobra.description import RobotDescription
+from cobra.messages import Commissioned, CommissioningReport, Reply, Request
+from cobra.motors.calibration import CalibrationBook, CalibrationError, zeros
+from cobra.motors.cell_readings import LoadCells
+from cobra.motors.commissioning.bench import Bounded
+from cobra.motors.commissioning.cell_points import KnownForce, Tare
+from cobra.motors.commissioning.drive_test import DriveTest
+from cobra.motors.commissioning.identify import Wiggle
+from cobra.motors.commissioning.procedure import AbortError, Floats, Guard, seen_of
+from cobra.motors.commissioning.repeat import MOST_RUNS, RepeatedHoming
+
+Begin = Callable[[Health, float], tuple[str, ...]]
+"""Makes the drives stand ready for a step: (health, now [s]) → what prevents it, in words."""
+
+GOOD_SPREAD_M: Final = 5e-4
+"""Zeros that differ by more from run to run are told of."""
+
+
+class Commissioning:
+    """At most one step at a time; `report` says what it does and what the last ones found."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        drivetrain: Drivetrain,
+        cells: LoadCells,
+        book: CalibrationBook,
+        begin: Begin,
+        warn: Callable[[str], None],
+    ) -> None:
+        self._description = description
+        self._drivetrain = drivetrain
+        self._cells = cells
+        self._book = book
+        self._begin = begin
+        self._warn = warn
+        self._procedure: Bounded | None = None
+        self._guard: Guard | None = None
+        self._queue: list[Bounded] = []
+        self._step = self._outcome = self._words = ""
+        self._found: tuple[Commissioned, ...] = ()
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="calibration")
+
+    @property
+    def acts(self) -> dict[str, Act]:
+        """What may be asked of the driver's hand."""
+        return {
+            "identify": self._identify,
+            "test": self._test,
+            "home_repeatedly": self._home,
+            "tare": self._tare,
+            "calibrate_cell": self._known_force,
+            "abort": self._abort,
+        }
+
+    @property
+    def homes(self) -> bool:
+        """Whether the step that runs finds the drives' zeros."""
+        return isinstance(self._procedure, RepeatedHoming)
+
+    @property
+    def loosens(self) -> bool:
+        """Whether the step that runs leaves tendons slack."""
+        return isinstance(self._procedure, Tare)
+
+    def start(self) -> None:
+        """Take the newest calibration into use."""
+        kept = self._book.load()
+        for complaint in self._book.complaints:
+            self._warn(complaint)
+        if kept is not None:
+            self._cells.calibrate(kept.cells)
+
+    def stop(self) -> None:
+        """Wait until what was found is written."""
+        self._writer.shutdown()
+
+    # ------------------------------------------------------------------ the tick
+
+    def advance(self, setpoint: Floats, dt_s: float) -> Floats:
+        """The next travel setpoint (drives,); `done` or `failed` says when the step is over."""
+        drivetrain, procedure, guard = self._drivetrain, self._procedure, self._guard
+        if procedure is None or guard is None or drivetrain.feedback is None:
+            return setpoint
+        seen = seen_of(drivetrain.feedback, drivetrain.transmission, drivetrain.loads())
+        try:
+            guard.check(setpoint, seen, dt_s)
+            target = procedure.step(setpoint, seen, dt_s)
+        except AbortError as error:
+            self.end(str(error))
+            return setpoint
+        if procedure.done:
+            self._take(procedure)
+            if self._queue:
+                self._procedure = self._queue.pop(0)
+                self._guard = Guard(self._description, self._procedure.moved, self._procedure.bounds)
+            else:
+                self._outcome = "done"
+        return target
+
+    @property
+    def running(self) -> bool:
+        return self._outcome == "running"
+
+    @property
+    def done(self) -> bool:
+        return self._outcome == "done" and self._procedure is not None
+
+    @property
+    def failed(self) -> str:
+        """Why the step was ended, in words, until somebody has taken note of it."""
+        return self._words if self._outcome == "ended" and self._procedure is not None else ""
+
+    def forget(self) -> None:
+        """The end of the step is taken note of; its findings stay."""
+        self._procedure = self._guard = None
+        self._queue = []
+
+    def end(self, why: str) -> None:
+        """It cannot go on."""
+        if self.running:
+            self._outcome, self._words = "ended", why
+
+    def homed(self, setpoint: Floats) -> None:
+        """The zeros are those at this setpoint of travel (drives,), which the drives were just referred to."""
+        procedure = self._procedure
+        assert isinstance(procedure, RepeatedHoming)
+        spread = dict(zip(self._description.tendon_names, procedure.spread_m.tolist(), strict=True))
+        drives = self._description.drives
+        by_drive = {
+            drives[index].name: spread[name]
+            for name, index in zip(self._description.tendon_names, self._description.tendon_drives, strict=True)
+        }
+        angle = self._drivetrain.transmission.angle(setpoint)
+        runs = len(procedure.travels)
+        found = zeros(self._description, angle, setpoint, by_drive if runs > 1 else None)
+        self._keep(lambda: self._book.keep(f"homed {runs} times in the page", drives=found))
+        if runs > 1:
+            self._found = tuple(
+                Commissioned(
+                    drive=name,
+                    check="spread",
+                    ok=value <= GOOD_SPREAD_M,
+                    words=f"{value * 1e3:.2f} mm over {runs} runs",
+                )
+                for name, value in spread.items()
+            )
+
+    def report(self) -> CommissioningReport:
+        """For everybody to see."""
+        kept = self._book.newest
+        if kept is None and not self._step:
+            return NOTHING
+        return CommissioningReport(
+            step=self._step,
+            doing=self._procedure.progress if self.running and self._procedure else "",
+            outcome=self._outcome,
+            words=self._words,
+            found=self._found,
+            calibration=f"version {kept.version}, {kept.date}: {kept.by}" if kept else "",
+        )
+
+    # ------------------------------------------------------------------ what is asked
+
+    def _identify(self, request: Request, now_s: float, health: Health) -> Reply:
+        return self._run(request, now_s, health, lambda i: [Wiggle(self._description, i)], one=True)
+
+    def _test(self, request: Request, now_s: float, health: Health) -> Reply:
+        return self._run(request, now_s, health, lambda i: [DriveTest(self._description, i)], one=False)
+
+    def _run(
+        self, request: Request, now_s: float, health: Health, make: Callable[[int], list[Bounded]], *, one: bool
+    ) -> Reply:
+        names = [drive.name for drive in self._description.drives]
+        if request.name not in names and (one or request.name):
+            return Reply(ok=False, reasons=(f"there is no drive {request.name!r}; there are {', '.join(names)}",))
+        chosen = [names.index(request.name)] if request.name else range(len(names))
+        return self._start(request.what, now_s, health, lambda: [step for i in chosen for step in make(i)])
+
+    def _home(self, request: Request, now_s: float, health: Health) -> Reply:
+        runs = int(request.value)
+        if not 1 <= runs <= MOST_RUNS:
+            return Reply(ok=False, reasons=(f"{request.value:g} runs: must be 1 to {MOST_RUNS}",))
+        bending = self._drivetrain.tendons.bending
+        return self._start(request.what, now_s, health, lambda: [RepeatedHoming(self._description, bending, runs)])
+
+    def _tare(self, request: Request, now_s: float, health: Health) -> Reply:
+        tendons = (request.name,) if request.name else ()
+        return self._start(request.what, now_s, health, lambda: [Tare(self._description, tendons)])
+
+    def _known_force(self, request: Request, now_s: float, health: Health) -> Reply:
+        kept = self._book.newest
+        tare = kept.cells.get(request.name) if kept else None
+        return self._start(
+            request.what, now_s, health, lambda: [KnownForce(self._description, request.name, request.value, tare)]
+        )
+
+    def _abort(self, request: Request, now_s: float, health: Health) -> Reply:
+        if not self.running:
+            return Reply(ok=False, reasons=("nothing runs that could be ended",))
+        self.end("it was ended by the driver")
+        return Reply(ok=True)
+
+    def _start(self, what: str, now_s: float, health: Health, make: Callable[[], list[Bounded]]) -> Reply:
+        if self.running:
+            return Reply(ok=False, reasons=("a step of commissioning runs: wait, or end it",))
+        try:
+            steps = make()
+        except AbortError as error:
+            return Reply(ok=False, reasons=(str(error),))
+        reasons = self._begin(health, now_s)
+        if reasons:
+            return Reply(ok=False, reasons=reasons)
+        self._procedure, *self._queue = steps
+        self._guard = Guard(self._description, self._procedure.moved, self._procedure.bounds)
+        self._step, self._outcome, self._words, self._found = what, "running", "", ()
+        return Reply(ok=True)
+
+    # ------------------------------------------------------------------ what was found
+
+    def _take(self, procedure: Bounded) -> None:
+        match procedure:
+            case DriveTest():
+                self._found += tuple(
+                    Commissioned(drive=procedure.name, check=check.name, ok=check.ok, words=check.words)
+                    for check in procedure.checks
+                )
+            case Wiggle():
+                words = f"{procedure.moved_degrees:.1f} degrees by its own encoder, up to {procedure.largest_A:.2f} A"
+                self._found = (
+                    Commissioned(drive=procedure.name, check="moved", ok=procedure.moved_degrees > 1.0, words=words),
+                )
+            case Tare() | KnownForce():
+                self._found = tuple(
+                    Commissioned(
+                        drive=name, check="load cell", ok=True, words=f"offset {c.offset_N:+.3f} N, gain {c.gain:.4f}"
+                    )
+                    for name, c in procedure.cells.items()
+                )
+                found = procedure.cells
+                by = "tared in the page" if isinstance(procedure, Tare) else "calibrated with a known force in the page"
+                before = self._book.newest
+                self._cells.calibrate({**(before.cells if before else {}), **found})
+                self._keep(lambda: self._book.keep(by, cells=found))
+
+    def _keep(self, write: Callable[[], object]) -> None:
+        """A disk may take its time; the loop may not."""
+
+        def writing() -> None:
+            try:
+                write()
+            except CalibrationError as error:
+                self._warn(str(error))
+
+        self._writer.submit(writing)
+
+
+NOTHING: Final = CommissioningReport()
