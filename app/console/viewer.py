@@ -253,8 +253,10 @@ class Viewer:
         )
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        request = self._running()._websock_server._live_connections[client.client_id].request
-        headers = request.headers if request else {}
+        connection = self._running()._websock_server._live_connections.get(client.client_id)
+        if connection is None:
+            return  # it has left already
+        headers = connection.request.headers if connection.request else {}
         view = ClientView(
             client,
             self._description,

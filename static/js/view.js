@@ -70,6 +70,10 @@ export function showView(ticketPath, word, thin, on) {
 
 /** Also where only what is behind the # differs. */
 function reload(frame, source) {
+  if (!frame.src) {
+    frame.src = source;
+    return;
+  }
   frame.src = "about:blank";
   setTimeout(() => {
     frame.src = source;
