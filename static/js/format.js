@@ -27,6 +27,25 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** As `setText`, for an attribute. */
+export function setAttribute(element, name, value) {
+  const text = String(value);
+  if (element.getAttribute(name) !== text) element.setAttribute(name, text);
+}
+
+/** As `setText`, for a property such as hidden or disabled. */
+export function setProperty(element, name, value) {
+  if (element[name] !== value) element[name] = value;
+}
+
+/** As `setText`, for a style; the element remembers, as browsers write values their own way. */
+export function setStyle(element, name, value) {
+  element.shown ??= {};
+  if (element.shown[name] === value) return;
+  element.shown[name] = value;
+  element.style[name] = value;
+}
+
 export function byId(id) {
   return document.getElementById(id);
 }

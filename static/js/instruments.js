@@ -1,6 +1,6 @@
 // Bends as dials, twist and feed as bars, tensions as columns: each with its limits.
 
-import { byId, figure, make, setText } from "./format.js";
+import { byId, figure, make, setAttribute, setStyle, setText } from "./format.js";
 
 const NEAR = 0.85; // of a limit
 const AT = 0.97;
@@ -85,11 +85,11 @@ export class Instruments {
     const share = known ? Math.min(1.1, bend.deg / bend.limit_deg) : 0;
     const angle = known ? (bend.dir_deg * Math.PI) / 180 : 0;
     const [x, y] = [share * DIAL * Math.cos(angle), share * DIAL * Math.sin(angle)].map((v) => v.toFixed(1));
-    dial.dot.setAttribute("cx", x);
-    dial.dot.setAttribute("cy", y);
-    dial.line.setAttribute("x2", x);
-    dial.line.setAttribute("y2", y);
-    dial.box.dataset.level = level(share);
+    setAttribute(dial.dot, "cx", x);
+    setAttribute(dial.dot, "cy", y);
+    setAttribute(dial.line, "x2", x);
+    setAttribute(dial.line, "y2", y);
+    setAttribute(dial.box, "data-level", level(share));
     dial.box.classList.toggle("chosen", chosen);
     const text = `${figure(bend.deg, 1, 4)}° of ${figure(bend.limit_deg)}°`;
     if (dial.value.textContent !== text) {
@@ -112,22 +112,29 @@ export function showBar(id, value, range, text) {
   const fill = bar.firstElementChild;
   if (bar.classList.contains("centred")) {
     const zero = Math.min(1, Math.max(0, -low / (high - low)));
-    fill.style.left = `${100 * Math.min(zero, share)}%`;
-    fill.style.width = `${100 * Math.abs(share - zero)}%`;
+    setStyle(fill, "left", percent(Math.min(zero, share)));
+    setStyle(fill, "width", percent(Math.abs(share - zero)));
   } else {
-    fill.style.width = `${100 * share}%`;
+    setStyle(fill, "width", percent(share));
   }
-  bar.dataset.level = share >= 0.995 || share <= 0.005 ? "at" : "";
-  bar.setAttribute("aria-label", `${id} ${text}, range ${figure(low)} to ${figure(high)}`);
+  setAttribute(bar, "data-level", share >= 0.995 || share <= 0.005 ? "at" : "");
+  setAttribute(bar, "aria-label", `${id} ${text}, range ${figure(low)} to ${figure(high)}`);
 }
 
 function showTension({ column, fill, value }, tension, limit) {
   const known = Number.isFinite(tension);
   const share = known ? Math.min(1, Math.max(0, tension / limit)) : 0;
-  fill.style.height = `${100 * share}%`;
-  fill.style.background = known ? rampColour(share) : "";
-  column.dataset.level = level(share);
+  // The columns are 44 pixels high: what is less than half of one is not drawn anew.
+  const shown = Math.round(100 * share) / 100;
+  setStyle(fill, "height", percent(shown));
+  setStyle(fill, "background", known ? rampColour(shown) : "");
+  setAttribute(column, "data-level", level(share));
   setText(value, figure(tension, tension < 99.95 ? 1 : 0, 4));
+}
+
+/** To a tenth: about a quarter of a pixel. */
+function percent(share) {
+  return `${(100 * share).toFixed(1)}%`;
 }
 
 function level(share) {

@@ -1,6 +1,6 @@
 // A robot whose sections change their length: how long it is, whether it is rigid or bends, and the way from one to the other.
 
-import { byId, figure, setText } from "./format.js";
+import { byId, figure, setAttribute, setProperty, setText } from "./format.js";
 import { showBar } from "./instruments.js";
 
 const WORDS = { continuum: "Continuum", locking: "Locking", rigid: "Rigid", unlocking: "Unlocking" };
@@ -24,12 +24,12 @@ export class Lock {
     const range = this.facts?.limits.length_mm;
     if (range) showBar("length", state.length_mm, range, `${figure(state.length_mm, 1, 6)} mm`);
     this.status = state.lock?.status ?? "none";
-    byId("lock").hidden = this.status === "none";
+    setProperty(byId("lock"), "hidden", this.status === "none");
     if (this.status === "none") return;
-    byId("lock").dataset.status = this.status;
+    setAttribute(byId("lock"), "data-status", this.status);
     setText(byId("lock-word"), WORDS[this.status]);
     setText(byId("lock-words"), state.lock.words);
     setText(byId("lock-button"), LOCKABLE.includes(this.status) ? "Lock" : "Unlock");
-    byId("lock-button").disabled = !["ready", "holding"].includes(phase);
+    setProperty(byId("lock-button"), "disabled", !["ready", "holding"].includes(phase));
   }
 }

@@ -1,7 +1,7 @@
 // The modes of motion: the chooser, one line of help or of warning, what sticks and buttons do in each, saved poses, the
 // length fed by hand, and how well the body lies on its path.
 
-import { byId, figure, make, setText } from "./format.js";
+import { byId, figure, make, setAttribute, setProperty, setText } from "./format.js";
 
 const FRAMES = { world: "from behind", base: "base", tip: "tip camera" };
 const FEED_WORDS = { feed: ["Feed out", "Feed in"], advance: ["Go back", "Advance"], length: ["Shorten", "Lengthen"] };
@@ -118,19 +118,19 @@ export class Modes {
     const line = byId("mode-help");
     const text = warnings.length ? said.join(" ") : [...said, mode.help].join(" ");
     setText(line, text);
-    line.title = text;
+    setProperty(line, "title", text);
     line.classList.toggle("warning", warnings.length > 0);
   }
 
   #showPath(path) {
-    byId("path").hidden = !path;
+    setProperty(byId("path"), "hidden", !path);
     if (!path) return;
     setText(byId("deviation"), `${figure(path.deviation_mm, 1, 4)} mm`);
     setText(byId("deviation-max"), `${figure(path.deviation_max_mm, 1, 4)} mm`);
   }
 
   #showPoses(motion) {
-    byId("poses").hidden = this.state.mode !== "pose";
+    setProperty(byId("poses"), "hidden", this.state.mode !== "pose");
     const key = JSON.stringify(motion.poses);
     if (key !== this.poses) {
       this.poses = key;
@@ -140,7 +140,7 @@ export class Modes {
       byId("known-poses").replaceChildren(...motion.poses.map((name) => Object.assign(make("option"), { value: name })));
     }
     if (document.activeElement !== byId("pose")) byId("pose").value = motion.pose;
-    byId("delete-pose").disabled = !motion.pose;
+    setProperty(byId("delete-pose"), "disabled", !motion.pose);
     setText(byId("delete-pose-name"), motion.pose);
   }
 
@@ -185,7 +185,7 @@ export function choice(kind, labels, choose) {
 
 /** Show which of a list of buttons is chosen. */
 export function press(id, index) {
-  [...byId(id).children].forEach((button, i) => button.setAttribute("aria-pressed", i === index));
+  [...byId(id).children].forEach((button, i) => setAttribute(button, "aria-pressed", i === index));
 }
 
 function nameStick(side, verb, name, used = name) {

@@ -1,6 +1,6 @@
 // The picture of a pad that moves with what is pressed: the pad's own controls, or this page's when there is no pad.
 
-import { byId, setText } from "./format.js";
+import { byId, setAttribute, setText } from "./format.js";
 
 const STICK_REACH = 9;
 const BUTTONS = {
@@ -39,10 +39,10 @@ export class PadPicture {
     const pressed = new Set([...reading.buttons, ...held]);
     for (const [name, [x, y], [vx, vy]] of [["left", [62, 66], reading.left], ["right", [150, 101], reading.right]]) {
       const cap = this.root.querySelector(`.cap.${name}`);
-      cap.setAttribute("cx", (x + STICK_REACH * vx).toFixed(1));
-      cap.setAttribute("cy", (y + STICK_REACH * vy).toFixed(1));
+      setAttribute(cap, "cx", (x + STICK_REACH * vx).toFixed(1));
+      setAttribute(cap, "cy", (y + STICK_REACH * vy).toFixed(1));
     }
-    for (const name of ["lt", "rt"]) this.root.querySelector(`.pull.${name}`).setAttribute("width", (34 * reading[name]).toFixed(1));
+    for (const name of ["lt", "rt"]) setAttribute(this.root.querySelector(`.pull.${name}`), "width", (34 * reading[name]).toFixed(1));
     for (const button of this.buttons) button.classList.toggle("on", pressed.has(button.dataset.button));
   }
 

@@ -3,7 +3,7 @@
 import { Alarms } from "./alarms.js";
 import { Authority } from "./authority.js";
 import { Driving } from "./driving.js";
-import { byId, figure, PLACE, setList, setText } from "./format.js";
+import { byId, figure, PLACE, setAttribute, setList, setProperty, setText } from "./format.js";
 import { ChosenPad } from "./gamepad.js";
 import { Instruments } from "./instruments.js";
 import { listenToKeys } from "./keyboard.js";
@@ -23,6 +23,8 @@ import { showView } from "./view.js";
 import { causeOf, possible, reasonsTitle, REQUESTS, shownPhase, stateWord } from "./words.js";
 
 const ANSWER_MS = 8000;
+const FIGURES_MS = 90;
+const DRIVERS = ".dock button, .modes .choice button"; // What only somebody who may drive can press.
 const instruments = new Instruments();
 const pad = new PadPicture(byId("pad-picture"));
 const alarms = new Alarms();
@@ -35,7 +37,8 @@ const modes = new Modes((what, value, text) => ask(what, value, text));
 
 let facts = null;
 let state = null;
-let drawn = false;
+let waiting = false; // for the browser to draw
+let drawnAt = -Infinity;
 let answerTimer = 0;
 
 const link = new Link({
@@ -48,9 +51,13 @@ const link = new Link({
     modes.welcome(message);
   },
   snapshot(message) {
+    // What the robot is doing is shown at once; figures that change all the time as often as they can be read.
+    const news = message.phase !== state?.phase || message.driver !== state?.driver || message.cause !== state?.cause;
     state = message;
-    if (!drawn) requestAnimationFrame(draw);
-    drawn = true;
+    plot.take(message);
+    if (waiting || !(news || performance.now() - drawnAt > FIGURES_MS)) return;
+    waiting = true;
+    requestAnimationFrame(draw);
   },
   connected(yes) {
     enableDriving();
@@ -231,9 +238,10 @@ function showFacts() {
 }
 
 function draw() {
-  drawn = false;
+  waiting = false;
+  drawnAt = performance.now();
   const phase = shownPhase(state, link.connected);
-  document.body.dataset.phase = phase;
+  setAttribute(document.body, "data-phase", phase);
   setText(byId("state"), stateWord(phase));
   setText(byId("cause"), causeOf(phase, state));
   showNotice(phase);
@@ -242,7 +250,7 @@ function draw() {
   if (!state || !facts) return;
   document.body.classList.toggle("drives-not", !authority.show(state, facts, link.page, link.connected));
   alarms.snapshot(state);
-  plot.snapshot(state);
+  plot.show();
   showWho(phase);
   press("sections", facts.bending.indexOf(state.section));
   press("speeds", state.speed);
@@ -258,16 +266,16 @@ function draw() {
 function showQuality() {
   setText(byId("page-link"), link.connected ? link.quality.text() : "cut off");
   const [level, words] = link.connected ? link.quality.verdict(link.age(), facts?.role !== "viewer" && driving.enabled) : ["", ""];
-  byId("page-link").dataset.level = level;
-  byId("page-link").title = `Round trip and its change; ${link.quality.lost} answers late or lost`;
-  byId("slow").hidden = !words;
+  setAttribute(byId("page-link"), "data-level", level);
+  setProperty(byId("page-link"), "title", `Round trip and its change; ${link.quality.lost} answers late or lost`);
+  setProperty(byId("slow"), "hidden", !words);
   setText(byId("slow"), words);
 }
 
 function showWho(phase) {
   setText(byId("driver"), state.lease.holder || "nobody");
-  byId("sign-out").hidden = state.seat.shared; // nobody signed in here
-  byId("driver").title = state.lease.holder;
+  setProperty(byId("sign-out"), "hidden", state.seat.shared); // nobody signed in here
+  setProperty(byId("driver"), "title", state.lease.holder);
   const input = { "": "none", [link.page]: "this page" }[state.driver] ?? state.driver;
   setText(byId("input"), input);
   const age = state.link.robot ? `${figure(state.link.age_ms)} ms` : "gone";
@@ -276,8 +284,8 @@ function showWho(phase) {
 
 function showNotice(phase) {
   const cut = ["offline", "gone", "silent"].includes(phase);
-  byId("notice").hidden = !cut;
-  byId("restart-robot").hidden = phase !== "gone";
+  setProperty(byId("notice"), "hidden", !cut);
+  setProperty(byId("restart-robot"), "hidden", phase !== "gone");
   if (!cut) return;
   setText(byId("notice-title"), stateWord(phase));
   setText(byId("notice-text"), causeOf(phase, state));
@@ -286,14 +294,14 @@ function showNotice(phase) {
 function showButtons(phase) {
   const reasons = phase in { offline: 1, gone: 1, silent: 1 } || !state ? [] : state.reasons;
   const can = possible(phase, reasons);
-  for (const what of ["arm", "disarm", "home", "clear"]) byId(what).disabled = !can[what];
+  for (const what of ["arm", "disarm", "home", "clear"]) setProperty(byId(what), "disabled", !can[what]);
   setText(byId("reasons-title"), reasonsTitle(phase, reasons));
   setList(byId("reasons"), reasons);
   setList(byId("latest"), reasons.length || !state ? [] : state.events.slice(0, 3).map((event) => [event.level, event.text]));
   const off = !link.connected || facts?.role === "viewer";
-  for (const button of document.querySelectorAll(".dock button")) button.disabled = off;
-  byId("quit").hidden = facts?.role !== "admin";
-  byId("quit").disabled = off;
+  for (const button of document.querySelectorAll(DRIVERS)) setProperty(button, "disabled", off);
+  setProperty(byId("quit"), "hidden", facts?.role !== "admin");
+  setProperty(byId("quit"), "disabled", off);
   document.querySelector(".dock").classList.toggle("off", off);
   const drives = phase === "driving" && state.driver === link.page;
   setText(byId("hold-word"), driving.held ? (drives ? "Driving" : "Held") : "Hold to drive");

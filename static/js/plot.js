@@ -13,12 +13,16 @@ export class Plot {
     byId("channel").addEventListener("change", () => this.#draw());
   }
 
-  snapshot(state) {
+  /** Every snapshot is a sample. */
+  take(state) {
     const channels = channelsOf(state);
     if (channels.length !== this.channels.length) this.#offer(channels);
     const now = performance.now() / 1000;
     this.history.push([now, channels.map(([, value]) => value)]);
     while (this.history.length && this.history[0][0] < now - SPAN_S) this.history.shift();
+  }
+
+  show() {
     const hidden = byId("panel-plot").hidden;
     if (!hidden && performance.now() - this.drawnAt > DRAW_MS) this.#draw();
   }

@@ -1,6 +1,6 @@
 // What is known of the tendons beyond their tension: whether losses are taken out of the motion, and what is wrong, in words.
 
-import { byId, make, setText } from "./format.js";
+import { byId, make, setProperty, setText } from "./format.js";
 
 export class Tendons {
   /** @param ask called with "compensation" and 1 for on, 0 for off */
@@ -12,10 +12,10 @@ export class Tendons {
 
   snapshot(tendons, phase) {
     this.state = tendons?.compensation ?? "none";
-    byId("compensation").hidden = this.state === "none";
+    setProperty(byId("compensation"), "hidden", this.state === "none");
     setText(byId("compensation-words"), tendons?.words ?? "");
     setText(byId("compensation-button"), this.state === "on" ? "Switch off" : "Switch on");
-    byId("compensation-button").disabled = !["ready", "holding", "disarmed"].includes(phase);
+    setProperty(byId("compensation-button"), "disabled", !["ready", "holding", "disarmed"].includes(phase));
     const warnings = tendons?.warnings ?? [];
     if (warnings.join() === this.shown) return;
     this.shown = warnings.join();

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.test_main_job import _latencies
-from tests.browser.conftest import ARGUMENTS, CHROMIUM
+from tests.browser.conftest import ARGUMENTS, CHROMIUM, without_scene
 from tests.stack import Page, Stack, wait_for
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(300)]
@@ -66,7 +66,7 @@ def test_a_setpoint_to_the_pages_script(tmp_path):
     with Stack(tmp_path, "--frame-rate", "10") as stack, sync_playwright() as playwright:
         stack.start()
         tab = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=ARGUMENTS).new_page()
-        tab.route("**/viewer/**", lambda route: route.abort())  # drawing in software is another matter
+        without_scene(tab.context)  # drawing in software is another matter
         tab.add_init_script(LISTEN)
         tab.goto(stack.url)
         wait_for("snapshots", lambda: tab.evaluate("arrived.length") > 300, 60.0)

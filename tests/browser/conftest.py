@@ -16,6 +16,17 @@ ARGUMENTS = [
 ]
 
 
+NO_SCENE = "<script>parent.postMessage({ viewer: 'here' }, '*')</script>"
+
+
+def without_scene(context):
+    """Leave the 3D view away: drawn in software it takes the machine, and has tests of its own.
+
+    It must answer all the same. A page whose view does not answer takes it from its own name, into its own process.
+    """
+    context.route("**/viewer/**", lambda route: route.fulfill(content_type="text/html", body=NO_SCENE))
+
+
 @pytest.fixture(scope="session")
 def chromium(tmp_path_factory):
     if CHROMIUM is None:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from app.people.users import Users
+from tests.browser.conftest import without_scene
 from tests.stack import Stack, wait_for
 
 expect = pytest.importorskip("playwright.sync_api").expect
@@ -65,9 +66,7 @@ def test_a_drive_by_keys_and_pad_watched_stopped_and_taken_over(chromium: Any, t
         for name in ("anna", "vic"):
             context = chromium.new_context(viewport={"width": 1280, "height": 720})
             context.set_default_timeout(60_000)
-            context.route(
-                "**/viewer/**", lambda route: route.abort()
-            )  # the scene, drawn in software, has its own tests
+            without_scene(context)
             if name == "anna":
                 context.add_init_script(PAD)
             tabs[name] = context.new_page()
@@ -165,7 +164,7 @@ def test_a_cut_network_holds_the_robot_and_the_page_says_so(chromium: Any, tmp_p
         assert observer is not None
         context = chromium.new_context(viewport={"width": 1280, "height": 720})
         context.set_default_timeout(60_000)
-        context.route("**/viewer/**", lambda route: route.abort())
+        without_scene(context)
         context.add_init_script(
             "(() => { const Real = WebSocket; window.sockets = [];"
             "window.WebSocket = class extends Real { constructor(...a) { super(...a); sockets.push(this); }"
