@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
+from cobra.motors.pretension import pretension_shares
 from cobra.motors.seating import Seating, has_stop
 from cobra.motors.settling import Settling
 
@@ -90,6 +91,8 @@ class Homing:
         self._names = description.tendon_names
         self._index = np.array(description.tendon_drives, dtype=np.int64)
         self._compliance = _compliance(description)
+        self._shares = pretension_shares(description)
+        """(m,) All tensions below are divided by it: equal ones leave the robot straight."""
         self._stage = _Stage.SLACK
         self._elapsed = self._resting = self._light = 0.0
         self._tightening = LEAST_SPEED_M_S
@@ -131,7 +134,7 @@ class Homing:
         self._elapsed += dt_s
         if self._elapsed > TIMEOUT_S:
             raise HomingError(f"still {self.progress} after {TIMEOUT_S:.0f} s")
-        reading, pretension = load[self._index], self._tendon.pretension_N
+        reading, pretension = load[self._index] / self._shares, self._tendon.pretension_N
         match self._stage:
             case _Stage.SLACK:
                 self._pay_out(self._start, reading, pretension, dt_s)
@@ -144,11 +147,12 @@ class Homing:
             case _Stage.TIGHTEN:
                 self._tighten(pretension - (reading - self._free), dt_s)
             case _Stage.SETTLE if self._settling is not None:
-                self._target[self._index] += self._settling.step(reading - self._free, pretension, dt_s)
+                missing = self._shares * (pretension - (reading - self._free))
+                self._target[self._index] += self._settling.step(pretension - missing, pretension, dt_s)
                 if self._settling.done:
                     self._stage = _Stage.DONE
             case _ if self._seating is not None:
-                self._seat(self._seating, reading - self._free, dt_s)
+                self._seat(self._seating, self._shares * (reading - self._free), dt_s)
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
@@ -231,7 +235,7 @@ class Homing:
         # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
         self._tightening *= TIGHTENING_GROWTH
         speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
-        self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s
+        self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s * self._shares
 
 
 def _rubs(description: RobotDescription) -> bool:
