@@ -50,6 +50,7 @@ from cobra.simulation.options import AS_DESCRIBED, Simulation
 log = logging.getLogger("cobra.console")
 SWITCH_INTERVAL_S = 0.0005
 PRECEDENCE = 20
+LOG_TOO_LATE = "the robot process was running already: --record-can and --can-log count from its next start"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +173,8 @@ class Console:
         meta = robot.start()
         if meta.walls is not None:
             views.surround(meta.walls, robot.touch)
-        for warning in meta.notes:
+        late = keeper.adopted and (options.record_can or options.can_log)
+        for warning in (*meta.notes, *((LOG_TOO_LATE,) if late else ())):
             robot.warn(warning)
             print(f"cobra-teleop: {warning}", file=sys.stderr)
         session = ConsoleSession(

@@ -228,7 +228,8 @@ class DriveFrom:
             raise _EndedError(refusal)
         begin = time.monotonic()
         for reading in drive.readings:
-            refusal = self._pilot.select(KEY, section=reading.section, level=reading.level)
+            section = reading.section if reading.section in self._description.active_sections else None
+            refusal = self._pilot.select(KEY, section=section, level=reading.level)
             if refusal:
                 raise _EndedError(refusal)
             self._pass(reading, reading.stamp - first.stamp - (time.monotonic() - begin), follow=True)
