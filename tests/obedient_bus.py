@@ -37,7 +37,14 @@ class ObedientBus:
         self._asked = angles
 
     def collect(self) -> Feedback:
-        return self.exchange(self._asked)
+        self.gather()
+        return self.told()
+
+    def gather(self) -> None:
+        self._answer = self.exchange(self._asked)
+
+    def told(self) -> Feedback:
+        return self._answer
 
     def exchange(self, angles: np.ndarray | None) -> Feedback:
         if angles is not None:

@@ -85,10 +85,17 @@ class Drivetrain:
         except BusError as error:
             self.gone = str(error)
 
-    def receive(self) -> None:
-        """The receiving half."""
+    def gather(self) -> None:
+        """The receiving half, but for what the replies say."""
         try:
-            self.feedback = self.bus.collect()
+            self.bus.gather()
+        except BusError as error:
+            self.gone = str(error)
+
+    def hear(self) -> None:
+        """Keep what the replies say that were gathered last."""
+        try:
+            self.feedback = self.bus.told()
             self.gone = ""
         except BusError as error:
             self.gone = str(error)

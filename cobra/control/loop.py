@@ -137,17 +137,22 @@ class RobotLoop:
 
     def tick(self) -> RobotState:
         start = self.clock.now()
+        waited_s = self.drivetrain.bus.waited_s
+        if self._overlapped:
+            # The bus first: what was computed while the last frames were on it, and nothing if it was taken back since. What
+            # the drives said is looked at while these frames are on their way.
+            self.drivetrain.send(self._setpoint if self._setpoint is None else self._ready)
+            if self._tick:
+                self.drivetrain.hear()
+                self._watch_drives()
         self._take_stops(start)
         self._take_commands(start)
         health = health_of(self.description, self.drivetrain.feedback, self.drivetrain.gone, self._watched)
         if self.preparing:
             health = Health(blocking=(self.preparing, *health.blocking), faults=health.faults)
-        self._take_requests(start, health)
+        if not self._overlapped:
+            self._take_requests(start, health)
         self._choose_mode()
-        waited_s = self.drivetrain.bus.waited_s
-        if self._overlapped:
-            # What was computed while the last tick's frames were on the bus; nothing, if it was taken back since.
-            self.drivetrain.send(self._setpoint if self._setpoint is None else self._ready)
         moving = self.supervisor.tick(start, self._drive, health)
         if self.supervisor.phase == "fault" and self._setpoint is not None:
             # Tendons that lost their pull would let the robot fall: the other drives keep standing.
@@ -162,8 +167,9 @@ class RobotLoop:
         self._tell_changes(state)
         self._tell_calibration(state)
         if self._overlapped:
-            self.drivetrain.receive()
-            self._watch_drives()
+            self.drivetrain.gather()
+            # Requests may speak to the drives themselves: not while others' replies are on their way.
+            self._take_requests(start, health)
         self._tick += 1
         return state
 

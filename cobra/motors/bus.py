@@ -100,7 +100,7 @@ class MotorBus(Protocol):
 
     @property
     def waited_s(self) -> float:
-        """Seconds spent waiting for frames so far: what an exchange takes without them is computation."""
+        """Seconds spent in the adapters so far, handing over and waiting for frames: the rest of an exchange is computation."""
 
     def open(self) -> None:
         """Open the channels and find the motors.
@@ -135,6 +135,12 @@ class MotorBus(Protocol):
 
     def collect(self) -> Feedback:
         """The receiving half. Raises BusError: a channel is gone."""
+
+    def gather(self) -> None:
+        """Of the receiving half what must wait for frames; what they say is told by `told`, also after the next burst."""
+
+    def told(self) -> Feedback:
+        """What the frames say that `gather` took last. Raises BusError: a channel was gone."""
 
     def __enter__(self) -> Self: ...
 

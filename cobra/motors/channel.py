@@ -133,6 +133,7 @@ class Channel:
     def send(self, message: can.Message, deadline_s: float) -> None:
         """Hand over one frame; waits for room in the transmit queue until the deadline. Raises BusError."""
         bus = self._open_bus()
+        began_s = self.clock.now()
         while True:
             try:
                 bus.send(message, SEND_TIMEOUT_S)
@@ -147,6 +148,7 @@ class Channel:
                     raise self._jammed(error) from error
                 self.counts["transmit queue full"] += 1
                 self.clock.sleep_until(now + 0.0002)
+        self.waited_s += self.clock.now() - began_s
         self._count(message)
         if self.record is not None:
             self.record(message, False)

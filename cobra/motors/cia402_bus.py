@@ -68,6 +68,7 @@ class Cia402Bus:
         self._per_rad = np.array([link.scale.increments_per_rad for link in self._drives])
         self._amperes = np.array([link.scale.amperes_per_permille for link in self._drives])
         self._missed = np.zeros(n, dtype=np.int64)
+        self._valid = np.zeros(n, dtype=bool)
         self._enabled = False
         self._silent = False
         self._beat_s = -np.inf
@@ -184,9 +185,19 @@ class Cia402Bus:
 
     def collect(self) -> Feedback:
         """The receiving half."""
+        self.gather()
+        return self.told()
+
+    def gather(self) -> None:
+        """Take all answers; what they say is `told`. Raises BusError."""
+        self._valid = np.zeros(len(self._drives), dtype=bool)
         deadline = self._asked_s + self.reply_timeout_s
         self._network.read_until(lambda: all(link.answered for link in self._drives), deadline)
-        valid = np.array([link.answered for link in self._drives], dtype=bool)
+        self._valid = np.array([link.answered for link in self._drives], dtype=bool)
+
+    def told(self) -> Feedback:
+        """What was gathered last. Raises BusError."""
+        valid = self._valid
         self._missed = np.where(valid, 0, self._missed + 1)
         if valid.any():
             self._silent = False

@@ -34,7 +34,8 @@ class MotorChannel(Protocol):
     def disable(self) -> None: ...
     def hold(self) -> None: ...
     def burst(self, angles: Floats | None) -> None: ...
-    def collect(self) -> Feedback: ...
+    def gather(self) -> None: ...
+    def told(self) -> Feedback: ...
     def __enter__(self) -> Self: ...
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -55,6 +56,7 @@ class JoinedBus:
         self._order = np.argsort(np.concatenate(self._scopes))
         self._stack = contextlib.ExitStack()
         self._errors: list[BusError] = []
+        self._gathered: list[BusError] = []
 
     @property
     def counts(self) -> dict[str, int]:
@@ -116,7 +118,7 @@ class JoinedBus:
         return self.collect()
 
     def burst(self, angles: Floats | None) -> None:
-        """The sending half of an exchange; what is gone is raised by `collect`."""
+        """The sending half of an exchange; what is gone is raised by `told`, once its replies were gathered."""
         self._errors = []
         for channel, scope in zip(self._channels, self._scopes, strict=True):
             with _kept(self._errors):
@@ -124,12 +126,25 @@ class JoinedBus:
 
     def collect(self) -> Feedback:
         """The receiving half. Raises BusError if a channel is gone, after the others were served."""
-        parts = []
+        self.gather()
+        return self.told()
+
+    def gather(self) -> None:
+        """Take all replies, without looking at them; what is gone is raised by `told`."""
         for channel in self._channels:
             with _kept(self._errors):
-                parts.append(channel.collect())
-        if self._errors:
-            raise self._errors[0]
+                channel.gather()
+        self._gathered, self._errors = self._errors, []
+
+    def told(self) -> Feedback:
+        """What was gathered last. Raises BusError if a channel was gone."""
+        errors = list(self._gathered)
+        parts = []
+        for channel in self._channels:
+            with _kept(errors):
+                parts.append(channel.told())
+        if errors:
+            raise errors[0]
         told = parts[0] if len(parts) == 1 else self._joined(parts)
         return dataclasses.replace(told, cells=self._cells.readings()) if len(self._cells) else told
 

@@ -56,9 +56,12 @@ class ListeningBus:
         """Raises BusError while the channel is gone."""
         self._channel.check_open()
 
-    def collect(self) -> Feedback:
+    def gather(self) -> None:
         """Take what has come. Raises BusError."""
         self._channel.drain(self._stranger)
+
+    def told(self) -> Feedback:
+        """There are no drives."""
         return Feedback(
             angle=_NOTHING, velocity=_NOTHING, current=_NOTHING, temperature=_NOTHING, voltage=_NOTHING, age=_NOTHING,
             valid=np.zeros(0, dtype=bool), missed=np.zeros(0, dtype=np.int64), faults=(),

@@ -89,6 +89,7 @@ class RmdBus:
         self._voltage: Floats = np.full(n, np.nan)
         self._missed = np.zeros(n, dtype=np.int64)
         self._sent: list[Outgoing] = []
+        self._gathered: tuple[list[Outgoing], dict[int, Incoming]] = ([], {})
         self._asked: list[Outgoing] = []
         self._angle_of = {link.angle.key: i for i, link in enumerate(self._drives)}
         self._status_of = {link.status.key: i for i, link in enumerate(self._drives)}
@@ -218,9 +219,20 @@ class RmdBus:
 
     def collect(self) -> Feedback:
         """The receiving half."""
+        self.gather()
+        return self.told()
+
+    def gather(self) -> None:
+        """Take the replies; what they say is `told`. Raises BusError."""
+        self._gathered = self._sent, {}
         replies = self._channel.collect()
+        self._gathered = self._sent, replies
         self._note_answers(replies)
-        valid = self._take(self._sent, replies)
+
+    def told(self) -> Feedback:
+        """What the replies say that were gathered last. Raises BusError."""
+        sent, replies = self._gathered
+        valid = self._take(sent, replies)
         self._missed = np.where(valid, 0, self._missed + 1)
         if replies:
             self._silent = False
