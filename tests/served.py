@@ -57,9 +57,12 @@ class Drives:
 class Rig:
     """Drives, robot process and a driver's stream of commands at 50 Hz."""
 
-    def __init__(self, folder: Path, *serve: str, rate_Hz: float = 50.0) -> None:
-        """`rate_Hz`: python-can's slcan driver reads a byte at a time, which on a busy machine leaves 100 Hz little room."""
-        text = description_text("cobra").replace("loop_rate_Hz = 100.0", f"loop_rate_Hz = {rate_Hz}")
+    def __init__(self, folder: Path, *serve: str, rate_Hz: float = 50.0, add: str = "") -> None:
+        """`rate_Hz`: python-can's slcan driver reads a byte at a time, which on a busy machine leaves 100 Hz little room.
+
+        `add` is TOML for the end of the description.
+        """
+        text = description_text("cobra").replace("loop_rate_Hz = 100.0", f"loop_rate_Hz = {rate_Hz}") + add
         robot = str(folder / "cobra.toml")
         Path(robot).write_text(text, "utf-8")
         self.drives = Drives(folder, "--robot", robot, *serve)
@@ -83,6 +86,7 @@ class Rig:
         self._lease = reply.lease
         self._held = False
         self._intent = Intent()
+        self._sequence = 0
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._stream, daemon=True)
         self._thread.start()
@@ -91,17 +95,19 @@ class Rig:
     def state(self) -> RobotState:
         return self.observer.state
 
-    def ask(self, what: str) -> Reply:
+    def ask(self, what: str, value: float = 0.0) -> Reply:
         lease = getattr(self, "_lease", "")
-        return self.observer.link.request(Request(what=what, lease=lease, who="test"))  # type: ignore[arg-type]
+        return self.observer.link.request(Request(what=what, lease=lease, who="test", value=value))
 
     def drive(self) -> None:
         """Hold the dead-man and push the stick to and fro until the robot drives."""
         self._intent = Intent(primary=(0.5, 0.0), twist=0.3)
 
         def driving() -> bool:
+            # A release counts once the robot has heard it: a press that overtakes it is void, for ever.
             self._held = False
-            self.observer.wait("a press", lambda state: state.phase == "ready", 10.0)
+            released = self._sequence + 1
+            self.observer.wait("a release", lambda state: state.phase == "ready" and state.accepted > released, 10.0)
             self._held = True
             with contextlib.suppress(AssertionError):
                 self.observer.wait("driving", lambda state: state.phase == "driving", 1.0)
@@ -144,23 +150,22 @@ class Rig:
         self.drives.end()
 
     def _stream(self) -> None:
-        sequence = 0
         while not self._done.wait(0.02):
-            sequence += 1
+            self._sequence += 1
             state = self.state
             intent = self._intent if self._held else Intent()
             # To and fro, so that no limit is reached however long a test takes.
             if int(state.stamp / 1.5) % 2:
                 intent = msgspec.structs.replace(intent, primary=(-intent.primary[0], 0.0), twist=-intent.twist)
             self.observer.link.send(
-                Command(lease=self._lease, epoch=state.epoch, sequence=sequence, echo=state.stamp, held=self._held,
+                Command(lease=self._lease, epoch=state.epoch, sequence=self._sequence, echo=state.stamp, held=self._held,
                         intent=intent)
             )  # fmt: skip
 
 
 @contextlib.contextmanager
-def served(folder: Path, *serve: str, rate_Hz: float = 50.0) -> Iterator[Rig]:
-    rig = Rig(folder, *serve, rate_Hz=rate_Hz)
+def served(folder: Path, *serve: str, rate_Hz: float = 50.0, add: str = "") -> Iterator[Rig]:
+    rig = Rig(folder, *serve, rate_Hz=rate_Hz, add=add)
     try:
         yield rig
     finally:

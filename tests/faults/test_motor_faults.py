@@ -21,7 +21,9 @@ DRIVEN = 2
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    with served(tmp_path_factory.mktemp("served"), "--slcan", "tcp:0", "--twin", "ideal") as rig:
+    # The ideal twin's tendons are not those of the description: whoever drives it must not take them into account.
+    untold = "\n[compensation]\nenabled = false\n"
+    with served(tmp_path_factory.mktemp("served"), "--slcan", "tcp:0", "--twin", "ideal", add=untold) as rig:
         yield rig
 
 
@@ -115,3 +117,38 @@ def test_the_drives_outlive_the_link_and_an_adapter_that_comes_back_is_found_and
     assert state.phase == "fault"
     assert state.reasons
     rig.ready()
+
+
+@pytest.fixture(scope="module")
+def on_pty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """Serial lines as an adapter on USB has them, and a twin whose tendons stretch and rub."""
+    with served(tmp_path_factory.mktemp("pty"), "--slcan", "pty") as rig:
+        yield rig
+
+
+def test_a_tendon_near_its_highest_tension_slows_the_robot_and_is_named(on_pty: Rig) -> None:
+    assert on_pty.drives.channels["main"].startswith("/dev/pts/")
+    on_pty.ready()
+    assert on_pty.ask("pretension", 34.0).ok
+    on_pty.observer.wait("the tension", lambda state: min(state.tendons.tension) > 32.0)
+    on_pty.drive()
+    state = on_pty.observer.wait("the limit", lambda state: " N: " in state.cause)
+    assert re.search(r"tendon [SENW][123] is (near|above) 40 N", state.cause)
+    assert max(on_pty.state.tendons.tension) < 44.0
+    on_pty.let_go()
+
+
+def test_a_broken_tendon_stops_the_robot_and_is_named(on_pty: Rig) -> None:
+    on_pty.ready()
+    on_pty.drive()
+    on_pty.drives.make("break N1")
+    state = on_pty.observer.wait("the hold", lambda state: state.phase == "holding")
+    assert "tendon N1" in state.cause
+    assert "broken or off its spool" in state.cause or "slack" in state.cause
+    stands(on_pty)
+    # And homing finds it too, instead of winding for ever.
+    on_pty.let_go()
+    on_pty.observer.wait("word from the robot", lambda state: state.phase in ("ready", "holding"))
+    assert on_pty.ask("home").ok
+    state = on_pty.observer.wait("the end of homing", lambda state: state.phase == "holding", 60.0)
+    assert "tendon N1 was wound in by" in state.cause
