@@ -2,6 +2,7 @@
 
 import { Alarms } from "./alarms.js";
 import { Authority } from "./authority.js";
+import { Commissioning } from "./commissioning.js";
 import { Driving } from "./driving.js";
 import { byId, figure, PLACE, setAttribute, setList, setProperty, setText } from "./format.js";
 import { ChosenPad } from "./gamepad.js";
@@ -32,6 +33,7 @@ const plot = new Plot();
 const authority = new Authority((what, value, text) => ask(what, value, text));
 const tables = new Tables();
 const lock = new Lock((what) => ask(what));
+const commissioning = new Commissioning((what, value, text) => ask(what, value, text));
 const tendons = new Tendons((what, value) => ask(what, value));
 const modes = new Modes((what, value, text) => ask(what, value, text));
 
@@ -49,6 +51,7 @@ const link = new Link({
     instruments.welcome(message);
     lock.welcome(message);
     modes.welcome(message);
+    commissioning.welcome(message);
   },
   snapshot(message) {
     // What the robot is doing is shown at once; figures that change all the time as often as they can be read.
@@ -257,6 +260,7 @@ function draw() {
   modes.snapshot(state);
   instruments.snapshot(state);
   lock.snapshot(state, phase);
+  commissioning.snapshot(state, phase);
   tendons.snapshot(state.tendons, phase);
   tables.snapshot(state);
   showRecording(state.recording);

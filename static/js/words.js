@@ -2,7 +2,7 @@
 
 const STATES = {
   disarmed: ["Disarmed", "The drives are off. Arm to begin."],
-  commissioning: ["Commissioning", "Drives move a little by themselves. Keep clear; STOP and End this step work."],
+  commissioning: ["Setting up", "Drives move a little by themselves. Keep clear; STOP and End this step work."],
   homing: ["Homing", "Tendons wind to pretension and are zeroed. Keep clear."],
   ready: ["Ready", "Hold LB, the space bar or an on-screen control to drive."],
   driving: ["Driving", "Let go to stop."],
