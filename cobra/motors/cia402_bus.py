@@ -7,18 +7,17 @@ velocities and currents are those of the output shaft, in the drive's own positi
 
 from collections import Counter
 from itertools import cycle
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import can
 import numpy as np
 
 from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
-from cobra.motors.bus import BusError, ChannelHealth, Feedback, Floats
+from cobra.motors.bus import BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load, whole_milliseconds
-from cobra.motors.cell_readings import LoadCells
-from cobra.motors.channel import Channel, Record
+from cobra.motors.channel import Channel
+from cobra.motors.channel_bus import ChannelBus
 from cobra.motors.cia402_frames import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -49,15 +48,15 @@ STEP_S: Final = 0.005
 _INT32 = 2**31 - 1
 
 
-class Cia402Bus:
+class Cia402Bus(ChannelBus):
     """`MotorBus` for the CiA 402 drives of one channel; entries are in the order of `indices`."""
 
     def __init__(self, description: RobotDescription, bus: Bus, clock: Clock, options: dict[str, Any]) -> None:
         self.indices = tuple(i for i, drive in enumerate(description.drives) if drive.bus == bus.name)
         self._clock = clock
-        self._count: Counter[str] = Counter()
-        self.counts: dict[str, int] = self._count
-        self._channel = Channel(bus, clock, options, self._count)
+        count: Counter[str] = Counter()
+        self._channel = Channel(bus, clock, options, count)
+        super().__init__(self._channel, count)
         self._network = CanopenChannel(self._channel)
         drives = [description.drives[i] for i in self.indices]
         self._drives = [Cia402Link(drive, description.motor_of(drive), self._network) for drive in drives]
@@ -79,26 +78,6 @@ class Cia402Bus:
         self._sync = _message(SYNC, b"")
         self._heartbeat = _message(HEARTBEAT + MASTER_NODE, bytes([NMT_OPERATIONAL]))
         self._targets = [_message(RPDO1 + link.address, bytes(TARGETS.size)) for link in self._drives]
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def waited_s(self) -> float:
-        return self._channel.waited_s
-
-    @property
-    def health(self) -> ChannelHealth:
-        return self._channel.health
-
-    def record_to(self, record: Record | None) -> None:
-        """Show every frame, sent and received, to `record`."""
-        self._channel.record = record
-
-    def listen_for(self, cells: LoadCells) -> None:
-        """Hand over the frames of the load cells on this channel."""
-        self._channel.listeners = {**cells.listeners(self._channel.described.name, self._count)}
 
     # -- life -----------------------------------------------------------------------------------------------------
 
@@ -151,21 +130,7 @@ class Cia402Bus:
         if standing:
             self._lead_to("quick stop active", lambda _: QUICK_STOP, standing)
 
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     # -- the tick -------------------------------------------------------------------------------------------------
-
-    def exchange(self, angles: Floats | None) -> Feedback:
-        """Targets [rad, (n,)], SYNC, then all answers. Raises BusError if the channel is gone."""
-        self.burst(angles)
-        return self.collect()
 
     def burst(self, angles: Floats | None) -> None:
         """The sending half. Only enabled drives get targets, and only finite ones."""
@@ -182,11 +147,6 @@ class Cia402Bus:
         elif angles is not None:
             self._command(angles)
         self._ask()
-
-    def collect(self) -> Feedback:
-        """The receiving half."""
-        self.gather()
-        return self.told()
 
     def gather(self) -> None:
         """Take all answers; what they say is `told`. Raises BusError."""

@@ -8,18 +8,16 @@ import contextlib
 from collections import Counter, deque
 from collections.abc import Set
 from itertools import cycle
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
-from cobra.motors.bus import HOME_AGAIN, BusError, ChannelHealth, Feedback, Floats
+from cobra.motors.bus import HOME_AGAIN, BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
-from cobra.motors.cell_readings import LoadCells
-from cobra.motors.channel import Record
+from cobra.motors.channel_bus import ChannelBus
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
 from cobra.motors.rmd_channel import Incoming, Outgoing, RmdChannel
@@ -43,7 +41,7 @@ MOTION_FIELDS = 5  # command, temperature, current, speed, position
 _INT32 = 2**31 - 1
 
 
-class RmdBus:
+class RmdBus(ChannelBus):
     """`MotorBus` for the RMD drives of one channel; entries are in the order of `indices`.
 
     v1: multi-turn angle from the encoder in every reply, anchored by 0x92. v3: 0x92 of as many drives a tick as fit.
@@ -56,9 +54,9 @@ class RmdBus:
         self._drives = [RmdLink(drive, description.motor_of(drive)) for drive in drives]
         self._where = bus.name
         self._clock = clock
-        self._count: Counter[str] = Counter()
-        self.counts: dict[str, int] = self._count
-        self._channel = RmdChannel(bus, clock, options, self._count)
+        count: Counter[str] = Counter()
+        self._channel = RmdChannel(bus, clock, options, count)
+        super().__init__(self._channel, count)
         self._channel.welcome |= {link.alarm_key for link in self._drives}
         self._load = channel_load(description, bus)
         period_s = 1.0 / description.teleop.loop_rate_Hz
@@ -112,22 +110,6 @@ class RmdBus:
             f"bus {self._where!r}: rmd-v1 drives have no watchdog ({', '.join(bare)}): "
             "they hold their last setpoint when the controller is gone",
         )
-
-    @property
-    def waited_s(self) -> float:
-        return self._channel.waited_s
-
-    @property
-    def health(self) -> ChannelHealth:
-        return self._channel.health
-
-    def record_to(self, record: Record | None) -> None:
-        """Show every frame, sent and received, to `record`."""
-        self._channel.record = record
-
-    def listen_for(self, cells: LoadCells) -> None:
-        """Hand over the frames of the load cells on this channel."""
-        self._channel.listeners = {**cells.listeners(self._channel.described.name, self._count)}
 
     # -- life -----------------------------------------------------------------------------------------------------
 
@@ -187,21 +169,7 @@ class RmdBus:
         """Stop with torque (0x81). Raises BusError."""
         self._tell_all("stop")
 
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     # -- the tick -------------------------------------------------------------------------------------------------
-
-    def exchange(self, angles: Floats | None) -> Feedback:
-        """One burst of setpoints [rad, (n,)] and polls, then all replies. Raises BusError if the channel is gone."""
-        self.burst(angles)
-        return self.collect()
 
     def burst(self, angles: Floats | None) -> None:
         """The sending half. Only enabled drives are commanded, and only with finite setpoints; others are read."""
@@ -216,11 +184,6 @@ class RmdBus:
         # One question a tick until somebody answers: nothing piles up in an adapter that does not send.
         self._asked = [next(self._slow_cycle)] if self._silent else self._unambiguous(self._sent, self._polls())
         self._channel.send_burst(self._asked, self.reply_timeout_s)
-
-    def collect(self) -> Feedback:
-        """The receiving half."""
-        self.gather()
-        return self.told()
 
     def gather(self) -> None:
         """Take the replies; what they say is `told`. Raises BusError."""
