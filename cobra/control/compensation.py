@@ -1,127 +1,68 @@
-"""Stretch and lost motion of the tendons, taken out of what the drives are told.
+"""Stretch, friction and play of the tendons, taken out of what the drives are told.
 
-The tendons' travel for a configuration is Δl(q) less their stretch under the tensions that hold it, plus half the drives'
-play on the side of the motion. Friction reverses with the direction in which a tendon slides (capstan), and so do
-tensions, stretch and play: on a reversal all of them change over a short ramp. What the model leaves over is seen in the
-estimated bends while the drives move, and taken up slowly.
+The model of the tendons (`cobra.mechanics.rubbing`), in the state that the feedback has brought it to, is asked where the
+motor ends must go for the commanded bends. After a reversal that is further by what stretch and friction swallow and by
+the play of the gears: both are crossed at a limited rate. While nothing is to move, nothing is asked, so nothing chatters.
 """
 
 import numpy as np
 
-from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
-from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.mechanics.rubbing import Rubbing
 
+TAKE_UP_RAD_S = 3.0
+"""No lost motion is taken up faster, as bend of the straight tendon map."""
+DEAD_BAND_RAD = 2e-3
+"""Bends nearer to the wanted ones than this are left alone."""
 DEAD_BAND_M = 1.5e-5
-"""A tendon that moved back by less than this has not reversed: 0.3 degrees of bend at COBRA's radius."""
-REVERSAL_S = 0.1
-"""In which friction and play change sides."""
-CORRECTION_1_S = 4.0
-"""At which the estimated error of the bends is taken up while the robot moves."""
-MAX_CORRECTION_RAD = 0.35
-LAG_TICKS = 2
-"""Between a setpoint and the feedback that shows it."""
-STANDSTILL_RAD_S = 1e-3
-
-
-class Directions:
-    """Which way things slide, for commands that stop and reverse: −1…1, hysteretic, changing over a ramp.
-
-    `step` takes positions; +1 is a falling one (a tendon drawn in). At rest the last direction stays.
-    """
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.value = np.ones(shape)
-        self._goal = np.ones(shape)
-        self._extreme: Floats | None = None
-
-    def reset(self, position: Floats) -> None:
-        """At rest at `position`, everything drawn in last, as after homing."""
-        self.value = np.ones_like(position)
-        self._goal = np.ones_like(position)
-        self._extreme = position.copy()
-
-    def resume(self, position: Floats) -> None:
-        """At rest at another `position`; friction holds as it did."""
-        self._extreme = position.copy()
-        self.value = self._goal.copy()
-
-    def step(self, position: Floats, dt_s: float) -> Floats:
-        """The directions one tick later."""
-        if self._extreme is None:
-            self.reset(position)
-        assert self._extreme is not None
-        back = self._goal * (position - self._extreme)
-        self._goal = np.where(back > DEAD_BAND_M, -self._goal, self._goal)
-        self._extreme = np.where((back < 0.0) | (back > DEAD_BAND_M), position, self._extreme)
-        most = 2.0 * dt_s / REVERSAL_S
-        self.value = self.value + np.clip(self._goal - self.value, -most, most)
-        return self.value
+"""A drive that is to turn back by less than this does not cross its play."""
+REVERSAL_S = 0.05
+"""In which a drive crosses its play."""
 
 
 class Compensation:
-    """From the configuration to the travel of the tendons (m,), with losses."""
+    """The travel of the tendons (m,) that brings a robot to the commanded bends."""
 
-    def __init__(self, description: RobotDescription, balance: TendonBalance) -> None:
-        self._balance = balance
-        tendons, sections = len(description.tendon_names), len(description.sections)
-        self._level = description.tendon.pretension_N if description.tendon else 0.0
-        self._slides = Directions((tendons, sections))
-        self._spools = Directions((tendons,))
-        self._correction = np.zeros(balance.slopes.shape[1])
-        self._past: list[Floats] = []
-        self._zero = np.zeros(tendons)
-        self._spool = np.zeros(tendons)
-        self.expected_N = np.zeros(tendons)
-        """(m,) motor tensions that the model expects at the last configuration."""
+    def __init__(self, model: Rubbing) -> None:
+        self._model = model
+        self._play_m = model.losses.backlash_m
+        self._base = np.zeros(len(model.slopes))
+        self._shift = np.zeros(len(model.columns))
+        self._side = self._goal = -np.ones(len(model.slopes))
+        self._turn = self._base.copy()
 
-    def reset(self) -> None:
-        """Homed: straight, every tendon at pretension and drawn in last."""
-        q = self._balance.configuration.rest()
-        self._slides.reset(self._distal(q))
-        self._spools.reset(np.zeros_like(self._zero))
-        self._correction[:] = 0.0
-        self._past = []
-        self._zero = np.zeros_like(self._zero)
-        self._zero = self._model(q, 0.0)
+    def resume(self, travel: Floats, spool_m: Floats) -> None:
+        """Begin at this travel (m,) of the drives' shafts, where the spools stand at `spool_m`."""
+        self._shift[:] = 0.0
+        half = self._play_m / 2
+        lag = np.where(half > 0.0, (travel - spool_m) / np.maximum(half, 1e-12), -1.0)
+        self._side = np.clip(lag, -1.0, 1.0)
+        self._goal = np.where(self._side < 0.0, -1.0, 1.0)
+        self._base = travel - self._side * half
+        self._turn = self._base.copy()
 
-    def resume(self, q: Floats) -> None:
-        """Switched on again where it stands, taken for q."""
-        self._slides.resume(self._distal(q))
-        self._past = []
-        self._model(q, 0.0)
-        self._spools.resume(self._spool)
+    def travel(self) -> Floats:
+        """(m,) for the shafts."""
+        return self._ends() + self._side * self._play_m / 2
 
-    def travel(self, q: Floats, dt_s: float) -> Floats:
-        """(m,) travel of the tendons for q, one tick after the last."""
-        self._slides.step(self._distal(q), dt_s)
-        return self._model(q, dt_s) + self._balance.slopes @ self._correction
+    def step(self, q: Floats, velocity: Floats, extra: Floats, spool_m: Floats, outside: Floats, dt_s: float) -> None:
+        """One tick on the way to q (size,), with its velocity.
 
-    def correct(self, q: Floats, bends: Floats, moving: bool, dt_s: float) -> None:
-        """Take up part of the difference between q and the estimated bends, while the robot moves."""
-        columns = self._balance.tendons.columns
-        self._past = [*self._past, q[columns].copy()][-(LAG_TICKS + 1) :]
-        if not moving:
-            return
-        self._correction += CORRECTION_1_S * dt_s * (self._past[0] - bends)
-        self._correction = np.clip(self._correction, -MAX_CORRECTION_RAD, MAX_CORRECTION_RAD)
+        `extra` (m,) is what others add to the travel (trims), `spool_m` (m,) where the spools stand now by the feedback.
+        """
+        ends = self._ends()
+        wanted = self._model.reach(q, velocity, ends + extra - spool_m, outside, np.zeros_like(self._shift))
+        wanted = np.sign(wanted) * np.maximum(np.abs(wanted) - DEAD_BAND_RAD, 0.0)
+        fastest = float(np.max(np.abs(wanted), initial=0.0))
+        self._shift = self._shift + wanted * min(1.0, TAKE_UP_RAD_S * dt_s / max(fastest, 1e-12))
+        ends = self._ends()
+        back = self._goal * (ends - self._turn)
+        self._goal = np.where(back < -DEAD_BAND_M, -self._goal, self._goal)
+        self._turn = np.where((back > 0.0) | (back < -DEAD_BAND_M), ends, self._turn)
+        most = 2.0 * dt_s / REVERSAL_S
+        self._side = self._side + np.clip(self._goal - self._side, -most, most)
 
-    def _distal(self, q: Floats) -> Floats:
-        """(m, n) how much longer each tendon is beyond the base of each section: that slides through the section."""
-        balance = self._balance
-        columns = balance.tendons.columns
-        parts = balance.slopes * (q - balance.tendons.rest)[columns]
-        sections = np.zeros((len(parts), len(balance.section_lengths_m)))
-        np.add.at(sections.T, balance.column_section, parts.T)
-        return np.cumsum(sections[:, ::-1], axis=1)[:, ::-1]
-
-    def _model(self, q: Floats, dt_s: float) -> Floats:
-        balance = self._balance
-        slides = self._slides.value
-        level = np.full(len(self._zero), self._level * np.exp(-balance.losses.conduit_capstan))
-        _, held = balance.holding(q, level, slides[:, 0], slides)
-        self.expected_N = held.motor_N
-        spool = balance.slopes @ (q - balance.tendons.rest)[balance.tendons.columns] - held.stretch_m - self._zero
-        self._spool = spool
-        paying_out = -self._spools.step(spool, dt_s) if dt_s else -self._spools.value
-        return spool + (paying_out + 1.0) * balance.losses.backlash_m / 2
+    def _ends(self) -> Floats:
+        """(m,) where the spools are to go."""
+        out: Floats = self._base + self._model.slopes @ self._shift
+        return out

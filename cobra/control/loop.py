@@ -341,7 +341,7 @@ class RobotLoop:
             self.drivetrain.transmission.refer(feedback.angle, rest)
         self._setpoint = self.drivetrain.transmission.travel(feedback.angle)
         self.motion.reset(self._measured())
-        self.tendons.resume(self.motion.q)
+        self.tendons.resume(self.motion.q, self._setpoint)
         self.locking.reset(self.motion.q)
         self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
 
@@ -465,7 +465,8 @@ class RobotLoop:
         if not self.tendons.available:
             return Reply(ok=False, reasons=("this robot has no tendons that could be compensated",))
         self.tendons.enabled = request.value != 0.0
-        self.tendons.resume(self.motion.q)
+        if self._setpoint is not None:
+            self.tendons.resume(self.motion.q, self._setpoint)
         if self._setpoint is not None and self.supervisor.phase != "homing":
             self._bias = self._setpoint - self.tendons.travel(self.motion.q, 0.0)
         return Reply(ok=True)

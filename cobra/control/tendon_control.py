@@ -15,11 +15,11 @@ from cobra.control.tension import TensionKeeper
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
 from cobra.mechanics.losses import Identified, described, load
-from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.mechanics.rubbing import Rubbing
 from cobra.messages import CompensationState, Tendons
 
 MOVING_RAD_S = 1e-3
-"""Slower bends are at rest."""
+"""Slower motions are at rest."""
 
 LEVEL_M_S = 0.001
 """At which all tendons are wound in or out to another pretension."""
@@ -57,11 +57,12 @@ class TendonControl:
     def use(self, identified: Identified) -> None:
         """Take other parameters; they count from the next homing on."""
         self.identified = identified
-        self.balance = TendonBalance(self.description, identified.losses)
-        self._estimator = Estimator(self.description, self.balance, identified)
-        self._compensation = Compensation(self.description, self.balance)
-        self._keeper = TensionKeeper(self.description, self.balance)
-        self._health = TendonHealth(self.description, self.balance, identified)
+        self.model = Rubbing(self.description, identified.losses)
+        self._estimator = Estimator(self.description, self.model, identified)
+        self._compensation = Compensation(self.model)
+        self._keeper = TensionKeeper(self.description, self.model)
+        self._health = TendonHealth(self.description, self.model)
+        self._last_q = self.model.tendons.rest
         self.estimate = None
         self._referred = False
         self.takeovers += 1
@@ -83,7 +84,8 @@ class TendonControl:
             self.use(self._next)
             self._next = None
         self._estimator.refer(travel, self._drivetrain.loads(), self._drivetrain.measured_tensions())
-        self._compensation.reset()
+        self._compensation.resume(travel[self._index], self._estimator.spool_m)
+        self._last_q = self.model.tendons.rest
         self._keeper.reset()
         self._health.reset()
         self._referred = self._driven = True
@@ -103,16 +105,17 @@ class TendonControl:
         if self._level_N is None or self.estimate is None:
             return
         missing = self._level_N - float(np.mean(self.estimate.motor_N))
-        reach = abs(missing) / float(np.mean(self.balance.stiffness_N_m))
+        reach = abs(missing) / float(np.mean(self.model.stiffness_N_m))
         self._wound_m += float(np.sign(missing)) * min(LEVEL_M_S * dt_s, 0.1 * reach)
         if reach < LEVEL_REACHED_M:
             self._level_N = None
 
-    def resume(self, q: Floats) -> None:
-        """The drives take setpoints again, from where they stand, which is taken for q. No trims before they are driven."""
+    def resume(self, q: Floats, setpoint: Floats) -> None:
+        """Setpoints go on from this one (drives,), where q is commanded. No trims before they are driven."""
         self._driven = False
         if self.available:
-            self._compensation.resume(q)
+            self._compensation.resume(setpoint[self._index] + self._wound_m, self._estimator.spool_m)
+            self._last_q = q
             self._keeper.reset()
             self._health.reset()
 
@@ -123,22 +126,21 @@ class TendonControl:
             return
         transmission, feedback = drivetrain.transmission, drivetrain.feedback
         speed = feedback.velocity * transmission.travel_per_rad
-        self.estimate = self._estimator.observe(
-            transmission.travel(feedback.angle), speed, drivetrain.loads(), drivetrain.measured_tensions(), q
-        )
-        if holds:
-            self._step_level(dt_s)
-        moving = bool(np.any(np.abs(velocity[self.balance.tendons.columns]) > MOVING_RAD_S))
-        if self.enabled and holds:
-            self._compensation.correct(q, self.estimate.bends, moving, dt_s)
-            self._driven = self._driven or moving
-        if self.enabled and holds and self._driven:
-            self._keeper.observe(self.estimate, self._compensation.expected_N, dt_s)
+        travel = transmission.travel(feedback.angle)
+        measured = drivetrain.measured_tensions()
+        self.estimate = self._estimator.observe(travel, speed, drivetrain.loads(), measured, q, dt_s)
+        if not holds:
+            return
+        self._step_level(dt_s)
+        if self.enabled:
+            self._driven = self._driven or bool(np.any(np.abs(velocity) > MOVING_RAD_S))
+            if self._driven:
+                self._keeper.observe(self.estimate, dt_s)
 
     def watch(self, setpoint: Floats, dt_s: float) -> None:
         """Look for tendons that do not do what they should; only while the drives hold them."""
         if self.active and self._driven and self.estimate is not None:
-            self._health.observe(self.estimate, self._compensation.expected_N, setpoint[self._index], dt_s)
+            self._health.observe(self.estimate, setpoint[self._index], dt_s)
 
     def allow(self, step: Floats) -> tuple[float, str]:
         """Which share of a step of all drives (by the tendon map) their tensions allow, and why not all, in words."""
@@ -157,9 +159,16 @@ class TendonControl:
     def travel(self, q: Floats, dt_s: float) -> Floats:
         """Travel of all drives for q, `dt_s` after the last call; 0 changes nothing."""
         travel = self._drivetrain.travel_of(q)
+        extra = -self._wound_m
         if self.active:
-            travel[self._index] = self._compensation.travel(q, dt_s) + self._keeper.trims_m
-        travel[self._index] -= self._wound_m
+            extra = self._keeper.trims_m + extra
+            velocity = (q - self._last_q) / dt_s if dt_s > 0.0 else np.zeros_like(q)
+            if np.any(velocity):
+                spool, outside = self._estimator.spool_m, self._estimator.outside_Nm
+                self._compensation.step(q, velocity, extra, spool, outside, dt_s)
+            travel[self._index] = self._compensation.travel()
+        self._last_q = q
+        travel[self._index] += extra
         return travel
 
     def measured(self, near: Floats) -> Floats:
@@ -170,7 +179,7 @@ class TendonControl:
         travel = drivetrain.transmission.travel(drivetrain.feedback.angle)
         q = drivetrain.q_of(travel, near)
         if self.estimate is not None and self._referred and self.enabled:
-            q[self.balance.tendons.columns] = self.estimate.bends
+            q[self.model.tendons.columns] = self.estimate.bends
         return q
 
     def report(self) -> Tendons:
@@ -180,8 +189,8 @@ class TendonControl:
         words: CompensationState = "on" if self.enabled else "off"
         if self.estimate is None or not self._referred:
             return Tendons(compensation=words, parameters=self.identified.source)
-        q = np.zeros(self.balance.configuration.size)
-        q[self.balance.tendons.columns] = self.estimate.deviation
+        q = np.zeros(len(self.model.tendons.rest))
+        q[self.model.tendons.columns] = self.estimate.deviation
         return Tendons(
             compensation=words,
             parameters=self.identified.source,

@@ -1,7 +1,7 @@
 """Names tendons that do not do what they should: slack, slipped, broken or jammed.
 
 A healthy tendon loses tension only as its own drive pays out or the robot moves, and the robot moves all tendons of a
-section in balance. So each tendon's tension is compared with what the model expects, less what the other tendons show to
+section in model. So each tendon's tension is compared with what the model expects, less what the other tendons show to
 be wrong in common. Losses at once are faults: all of it, broken; a part of it, slipped. A tendon that stays slack though
 it is wound in is broken too. A jammed one answers its drive with its own stiffness alone, far beyond what friction and
 play can explain, as if the robot behind it stood still.
@@ -12,8 +12,7 @@ import numpy as np
 from cobra.control.estimation import TendonEstimate
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
-from cobra.mechanics.losses import Identified
-from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.mechanics.rubbing import Rubbing
 
 LOOK_BACK_TICKS = 12
 """A sudden loss is one within so many ticks."""
@@ -35,14 +34,14 @@ JAM_EXCESS_N = 3.0
 class TendonHealth:
     """Watches the m tendons of one robot. `faults` stay until `reset`."""
 
-    def __init__(self, description: RobotDescription, balance: TendonBalance, identified: Identified) -> None:
+    def __init__(self, description: RobotDescription, model: Rubbing) -> None:
         self._names = description.tendon_names
-        self._balance = balance
-        self._stiffness = balance.stiffness_N_m
+        self._model = model
+        self._stiffness = model.stiffness_N_m
         # Motors cannot tell which of two antagonists is stuck: either holds the section.
-        slopes = balance.slopes
+        slopes = model.slopes
         alike = slopes @ slopes.T / np.linalg.norm(slopes, axis=1)
-        alike[balance.section_of[:, None] != balance.section_of[None, :]] = np.inf
+        alike[model.section_of[:, None] != model.section_of[None, :]] = np.inf
         self._antagonist = np.argmin(alike, axis=1)
         self._low = description.tendon.min_tension_N if description.tendon else 0.0
         self.reset()
@@ -61,9 +60,9 @@ class TendonHealth:
         self._direction = np.zeros(m)
         self._jam_s = np.zeros(m)
 
-    def observe(self, estimate: TendonEstimate, expected_N: Floats, travel_m: Floats, dt_s: float) -> None:
+    def observe(self, estimate: TendonEstimate, travel_m: Floats, dt_s: float) -> None:
         """One tick: tensions, what the model expects, and where the tendons' drives stand (m,) [m]."""
-        tension = estimate.motor_N
+        tension, expected_N = estimate.motor_N, estimate.expected_N
         self._past = [*self._past, (tension, expected_N, travel_m)][-LOOK_BACK_TICKS:]
         before, expected_before, travel_before = self._past[0]
         # What the drive itself paid out, and what the model foresaw, is no fault's doing.
@@ -98,7 +97,7 @@ class TendonHealth:
         # A reversal starts anew: where it went farthest.
         turned = (np.sign(moved) != self._direction) & (np.abs(moved) > 1e-4)
         self._direction = np.where(turned, np.sign(moved), self._direction)
-        losses = self._balance.losses
+        losses = self._model.losses
         cone = 2.0 * np.sinh(losses.conduit_capstan)
         lost = losses.backlash_m + cone * np.maximum(tension, self._turn_T) / self._stiffness
         far = np.abs(moved) > JAM_MARGIN * lost + JAM_LEAST_M

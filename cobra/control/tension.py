@@ -10,7 +10,7 @@ import numpy as np
 from cobra.control.estimation import TendonEstimate
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
-from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.mechanics.rubbing import Rubbing
 
 FLOOR_MARGIN_N = 1.2
 """Trims begin when a tendon has less than the minimum and this."""
@@ -31,15 +31,15 @@ SLACK_HOLD_S = 0.05
 class TensionKeeper:
     """The trims and the allowance of one robot with m tendons."""
 
-    def __init__(self, description: RobotDescription, balance: TendonBalance) -> None:
+    def __init__(self, description: RobotDescription, model: Rubbing) -> None:
         tendon = description.tendon
         assert tendon is not None
         self._names = description.tendon_names
         self._low, self._high = tendon.min_tension_N, tendon.max_tension_N
-        self._stiffness = balance.stiffness_N_m
-        self._sections = [np.flatnonzero(balance.section_of == i) for i in reversed(description.active_sections)]
+        self._stiffness = model.stiffness_N_m
+        self._sections = [np.flatnonzero(model.section_of == i) for i in reversed(description.active_sections)]
         # K-weighted: what is left of a trim's tensions once their moments are taken off.
-        slopes = balance.slopes
+        slopes = model.slopes
         weighted = slopes / self._stiffness[:, None]
         self._project = np.eye(len(slopes)) - weighted @ np.linalg.solve(slopes.T @ weighted, slopes.T)
         self.reset()
@@ -52,7 +52,7 @@ class TensionKeeper:
         self._tension = np.full(len(self._stiffness), (self._low + self._high) / 2)
         self.warnings: tuple[str, ...] = ()
 
-    def observe(self, estimate: TendonEstimate, expected_N: Floats, dt_s: float) -> None:
+    def observe(self, estimate: TendonEstimate, dt_s: float) -> None:
         """Take the tensions and make the next trims."""
         motor = estimate.motor_N
         lowest = np.nanmin(estimate.profile_N, axis=1)

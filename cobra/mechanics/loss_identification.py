@@ -1,14 +1,14 @@
 """Loss parameters from a guided sweep: what the drives said while the robot was tightened, loosened and bent to and fro.
 
-Only feedback of the drives enters: travel, speed, load. For given parameters every sample gives the tensions along each
-tendon (friction follows from the past, as in `estimation.py`) and the tendons' lengths y at the port. More tendons than
-bends: so their lengths must fit a shape,
+Only feedback of the drives enters: travel, speed, load. For given parameters the model of `rubbing.py` follows the travel
+and foretells the tension at every spool; the parameters are those that foretell what the drives felt,
 
-    (I − G G⁺) y = 0,
+    load = T_motor − f sign(v) while the drive moves, within ± f of T_motor while it stands,
 
-and pretension, which bends nothing, must not change them. Maximum of the posterior by robust least squares; the prior is
-the description within ±30 %. Routing radii and bending stiffnesses do not show in lengths alone: they keep their prior,
-and come from a kinematic calibration.
+as the maximum of the posterior by robust least squares (Levenberg–Marquardt, reweighted); the prior is the description
+within ±30 %. How lengths change stiffness tells EA, what a reversal costs tells friction and play, and how the tendons of
+one section feel the bends of the others tells the ratios of routing radii and bending stiffnesses. Their common scale shows
+in the weight alone, which is known: a robot that hangs or is weightless in its own plane tells it less well.
 """
 
 from dataclasses import replace
@@ -16,30 +16,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from cobra.description import RobotDescription
 from cobra.errors import OperatorError
-from cobra.kinematics.kernels import compiled
+from cobra.kinematics.configuration import Configuration
 from cobra.mechanics.losses import DESCRIBED_SPREAD, Identified, Losses, described
-from cobra.mechanics.tendon_balance import TendonBalance
+from cobra.mechanics.rubbing import Rubbing
 
 Floats = NDArray[np.float64]
 
 PRIOR = DESCRIBED_SPREAD / np.sqrt(3.0)
+SETTLING_PRIOR = 0.7
+"""Nobody has described it: a factor of two."""
 MOVING_M_S = 5e-5
-CONDUIT_PARTS = 6
-EVALUATED = 1000
-"""Samples that are compared, evenly over the sweep."""
-LENGTH_SIGMA_M = 3e-5
-"""Unround spools and whole counts of the current."""
-INDEPENDENT = 0.1
-"""Share of the evaluated samples that count: neighbours share their errors."""
-SLACK_N = 0.3
-"""Samples with a slack tendon are left out: its length says nothing."""
-LEAST_SAMPLES = 200
+STEP_S = 0.05
+"""Samples are compared at this distance."""
+TENSION_SIGMA_N = 0.08
+"""Unround spools, whole counts of the current, and what the model leaves out."""
+INDEPENDENT = 0.05
+"""Share of the samples that count: neighbours share their errors."""
+ROBUST = 2.0
+"""Standard deviations beyond which a sample counts less."""
+LEAST_S = 20.0
 LARGEST_CHANGE = 0.6
 """Of any parameter, as a logarithm."""
+ITERATIONS = 10
+DIFFERENCE = 0.01
+DONE = 1e-3
+"""A relative change of the cost by less ends the search."""
+MAX_STEP = 0.2
+DAMPINGS = 5
 
 
 class SweepError(OperatorError):
@@ -59,8 +65,10 @@ class Sweep(NamedTuple):
     """(N, m) [N] of the drives, gear friction included"""
 
 
-NAMES = ("axial_stiffness_N", "drive_friction_N", "backlash_m", "hole_friction", "conduit_capstan")
-"""What the sweep shows; the parameter vector is the logarithm of each over the description's."""
+NAMES = ("axial_stiffness_N", "drive_friction_N", "backlash_m", "hole_friction", "conduit_capstan", "settling_s")
+"""What the sweep shows for all tendons and sections in common."""
+EACH = ("radius_m", "bending_stiffness_Nm2")
+"""And for each active section. The parameter vector is the logarithm of each over the description's."""
 
 
 def identify(description: RobotDescription, sweep: Sweep, label: str = "a guided sweep") -> Identified:
@@ -71,91 +79,110 @@ def identify(description: RobotDescription, sweep: Sweep, label: str = "a guided
     """
     _check(description, sweep)
     nominal = described(description)
-    balance = TendonBalance(description, nominal.losses)
-    at = np.unique(np.linspace(0, len(sweep.time_s) - 1, EVALUATED).astype(int))
+    vector = _Vector(description, nominal.losses)
+    even = _evenly(sweep)
 
-    def cost(x: Floats) -> Floats:
-        return np.concatenate([_residuals(balance, _losses(x, nominal.losses), sweep, at), x / PRIOR])
+    def misfit(x: Floats) -> Floats:
+        return _misfit(description, vector.losses(x), even)
 
-    limit = LARGEST_CHANGE
-    fit = least_squares(
-        cost, np.zeros(len(NAMES)), loss="soft_l1", bounds=(-limit, limit), x_scale=PRIOR, diff_step=1e-3
-    )
-    spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
-    losses = _losses(fit.x, nominal.losses)
-    parts: dict[str, Any] = {name: np.abs(getattr(losses, name)) * spread[i] for i, name in enumerate(NAMES)}
-    return Identified(losses, replace(nominal.deviation, **parts), label)
+    x, spread = _search(misfit, vector.prior)
+    losses = vector.losses(x)
+    return Identified(losses, replace(nominal.deviation, **vector.deviations(losses, spread)), label)
 
 
-def _losses(x: Floats, nominal: Losses) -> Losses:
-    parts: dict[str, Any] = {name: getattr(nominal, name) * np.exp(x[i]) for i, name in enumerate(NAMES)}
-    return replace(nominal, **parts)
+class _Vector:
+    """Between losses and the parameter vector (p,)."""
+
+    def __init__(self, description: RobotDescription, nominal: Losses) -> None:
+        self._nominal = nominal
+        # Without friction in the description there is nothing to scale.
+        self._common = [name for name in NAMES if np.any(np.asarray(getattr(nominal, name)) > 0.0)]
+        self._active = np.array(description.active_sections, dtype=np.int64)
+        prior = [SETTLING_PRIOR if name == "settling_s" else PRIOR for name in self._common]
+        self.prior = np.array(prior + [PRIOR] * len(EACH) * len(self._active))
+
+    def _parts(self, x: Floats) -> dict[str, Any]:
+        """Each parameter's own entries of x, in its shape."""
+        out: dict[str, Any] = {name: x[i] for i, name in enumerate(self._common)}
+        for k, name in enumerate(EACH):
+            own = np.zeros(np.shape(getattr(self._nominal, name)))
+            start = len(self._common) + k * len(self._active)
+            own[self._active] = x[start : start + len(self._active)]
+            out[name] = own
+        return out
+
+    def losses(self, x: Floats) -> Losses:
+        parts = {name: getattr(self._nominal, name) * np.exp(value) for name, value in self._parts(x).items()}
+        return replace(self._nominal, **parts)
+
+    def deviations(self, losses: Losses, spread: Floats) -> dict[str, Any]:
+        return {name: np.abs(getattr(losses, name)) * value for name, value in self._parts(spread).items()}
+
+
+def _search(misfit: Any, prior: Floats) -> tuple[Floats, Floats]:
+    """The parameters of least robust cost and their standard deviations (p,)."""
+    x = np.zeros(len(prior))
+    residual = misfit(x)
+    cost = _cost(residual, x / prior)
+    damping = 1e-3
+    for _ in range(ITERATIONS):
+        slopes = np.stack([(misfit(x + step) - residual) / DIFFERENCE for step in DIFFERENCE * np.eye(len(x))], axis=1)
+        weight = 1.0 / np.sqrt(1.0 + (residual / ROBUST) ** 2)
+        normal = slopes.T @ (weight[:, None] * slopes) + np.diag(prior**-2.0)
+        gradient = slopes.T @ (weight * residual) + x / prior**2
+        before = cost
+        for _damping in range(DAMPINGS):
+            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            trial = np.clip(x - np.clip(change, -MAX_STEP, MAX_STEP), -LARGEST_CHANGE, LARGEST_CHANGE)
+            there = misfit(trial)
+            reached = _cost(there, trial / prior)
+            if reached < cost:
+                x, residual, cost = trial, there, reached
+                damping = max(damping / 10.0, 1e-4)
+                break
+            damping = max(10.0 * damping, 1e-2)
+        if before - cost < DONE * cost:
+            break
+    return x, np.sqrt(np.diag(np.linalg.inv(normal)))
+
+
+def _cost(residual: Floats, beside: Floats) -> float:
+    robust = ROBUST**2 * (np.sqrt(1.0 + (residual / ROBUST) ** 2) - 1.0)
+    return float(np.sum(robust) + 0.5 * np.sum(beside**2))
 
 
 def _check(description: RobotDescription, sweep: Sweep) -> None:
-    if len(sweep.time_s) < LEAST_SAMPLES:
-        raise SweepError(f"only {len(sweep.time_s)} samples came from the robot; at least {LEAST_SAMPLES} are needed")
+    seconds = float(sweep.time_s[-1] - sweep.time_s[0]) if len(sweep.time_s) else 0.0
+    if seconds < LEAST_S:
+        raise SweepError(f"only {seconds:.0f} s came from the robot; at least {LEAST_S:.0f} s are needed")
     for j, name in enumerate(description.tendon_names):
         speed = sweep.velocity[:, j]
         if not (np.any(speed > MOVING_M_S) and np.any(speed < -MOVING_M_S)):
             raise SweepError(f"tendon {name} did not move both ways: let the sweep run to its end")
 
 
-def _residuals(balance: TendonBalance, losses: Losses, sweep: Sweep, at: NDArray[np.int64]) -> Floats:
-    """What no shape explains of the lengths at the samples `at`, in standard deviations."""
-    friction, backlash = losses.drive_friction_N, losses.backlash_m
-    motor, spool = _follow_drives(sweep.travel, sweep.velocity, sweep.load, friction, backlash)
-    passes = np.arange(len(balance.section_lengths_m))[None, :] <= balance.section_of[:, None]
-    own = np.where(passes, balance.section_lengths_m, 0.0)
-    compliance = (balance.conduit_m + own.sum(axis=1)) / losses.axial_stiffness_N
-    rough = (spool + (motor - motor[0]) * compliance) @ balance.inverse.T
-    angles = np.zeros((len(motor), len(balance.section_lengths_m)))
-    for i in dict.fromkeys(balance.column_section.tolist()):
-        angles[:, i] = np.linalg.norm(rough[:, balance.column_section == i], axis=1)
-    tension = _follow_tendons(motor, angles, losses.conduit_capstan, losses.hole_friction, CONDUIT_PARTS)
-    parts = np.full((len(friction), CONDUIT_PARTS), balance.conduit_m / CONDUIT_PARTS)
-    carried = np.concatenate([parts, own], axis=1)
-    means = (tension[:, :, :-1] + tension[:, :, 1:]) / 2
-    length = spool[at] - spool[0] + ((means[at] - means[0]) * carried).sum(axis=2) / losses.axial_stiffness_N
-    misfit = length - length @ balance.inverse.T @ balance.slopes.T
-    taut = np.all(tension[at, :, 0] > SLACK_N, axis=1)[:, None]
-    return np.sqrt(INDEPENDENT) * (taut * misfit / LENGTH_SIGMA_M).ravel()
+def _evenly(sweep: Sweep) -> Sweep:
+    """At even steps in time; what was missed on the way is taken to have gone evenly."""
+    time = np.arange(sweep.time_s[0], sweep.time_s[-1], STEP_S)
+
+    def at(values: Floats) -> Floats:
+        return np.stack([np.interp(time, sweep.time_s, column) for column in values.T], axis=1)
+
+    return Sweep(time, at(sweep.travel), at(sweep.velocity), at(sweep.load))
 
 
-@compiled
-def _follow_drives(travel: Any, velocity: Any, load: Any, friction: Any, backlash: Any) -> Any:
-    """Tension at the spools and the spools' travel (N, m): gear friction and play taken off, as they follow from the past."""
-    motor, spool = np.empty_like(load), np.empty_like(travel)
-    for j in range(travel.shape[1]):
-        # Homing ends drawing in.
-        held, end = load[0, j] - friction[j], travel[0, j] + backlash[j] / 2
-        for i in range(travel.shape[0]):
-            if abs(velocity[i, j]) > MOVING_M_S:
-                held = load[i, j] + np.sign(velocity[i, j]) * friction[j]
-            else:
-                held = min(max(held, load[i, j] - friction[j]), load[i, j] + friction[j])
-            held = max(held, 0.0)
-            motor[i, j] = held
-            end = min(max(end, travel[i, j] - backlash[j] / 2), travel[i, j] + backlash[j] / 2)
-            spool[i, j] = end
-    return motor, spool
-
-
-@compiled
-def _follow_tendons(motor: Any, angles: Any, capstan: float, friction: float, parts: int) -> Any:
-    """Tensions (N, m, parts + sections + 1) at the ends of the conduit's parts and of the sections, motor first."""
-    count, tendons = motor.shape
-    places = parts + angles.shape[1] + 1
-    out = np.empty((count, tendons, places))
-    step = np.exp(capstan / parts)
-    for i in range(count):
-        for j in range(tendons):
-            out[i, j, 0] = motor[i, j]
-            for p in range(1, places):
-                ratio = step if p <= parts else np.exp(friction * angles[i, p - parts - 1])
-                before = out[i, j, p - 1]
-                if i == 0:
-                    out[i, j, p] = before / ratio
-                else:
-                    out[i, j, p] = min(max(out[i - 1, j, p], before / ratio), before * ratio)
-    return out
+def _misfit(description: RobotDescription, losses: Losses, sweep: Sweep) -> Floats:
+    """What the model does not foretell of the loads, in standard deviations, each counted as far as it is independent."""
+    model = Rubbing(description, losses)
+    friction = losses.drive_friction_N
+    model.reset(np.maximum(sweep.load[0] - friction, 0.0))
+    home = np.tile(Configuration(description).home(), (len(sweep.time_s), 1))
+    tension, _ = model.follow(sweep.travel, home, losses.backlash_m, STEP_S)
+    moving = np.abs(sweep.velocity) > MOVING_M_S
+    above = sweep.load - tension
+    felt = np.where(
+        moving,
+        above + friction * np.sign(sweep.velocity),
+        np.sign(above) * np.maximum(np.abs(above) - friction, 0.0),
+    )
+    return np.sqrt(INDEPENDENT) * (felt / TENSION_SIGMA_N).ravel()

@@ -18,6 +18,11 @@ from cobra.errors import OperatorError
 
 Floats = NDArray[np.float64]
 
+DESCRIBED_SPREAD = 0.3
+"""Numbers of a description are within this share of the robot's, by experience."""
+ASSUMED_SETTLING_S = 0.3
+"""No description says how fast a section straightens when it is let go."""
+
 
 class LossesError(OperatorError):
     """Loss parameters that cannot be used. The message names file, key and what would be right."""
@@ -41,6 +46,8 @@ class Losses:
     """(n,) routing radius; 0 for a passive section."""
     bending_stiffness_Nm2: Floats
     """(n,) EI"""
+    settling_s: float
+    """Viscous friction of a bending section over its stiffness: the time in which it straightens by itself."""
 
     @classmethod
     def described(cls, description: RobotDescription) -> "Losses":
@@ -57,6 +64,7 @@ class Losses:
             conduit_capstan=tendon.conduit_friction * tendon.conduit_bend_rad if tendon else 0.0,
             radius_m=np.array([s.routing.radius_m if s.routing else 0.0 for s in description.sections]),
             bending_stiffness_Nm2=np.array([s.bending_stiffness_Nm2 for s in description.sections]),
+            settling_s=ASSUMED_SETTLING_S,
         )
 
     def applied(self, description: RobotDescription) -> RobotDescription:
@@ -81,10 +89,6 @@ class Identified:
     losses: Losses
     deviation: Losses
     source: str
-
-
-DESCRIBED_SPREAD = 0.3
-"""Numbers of a description are within this share of the robot's, by experience."""
 
 
 def described(description: RobotDescription) -> Identified:

@@ -44,9 +44,8 @@ STRAIGHTEN_S = 0.5
 DRAW_SPEED_M_S = 0.004
 RISE_S = 1.5
 """In which the tension rises while all are drawn in."""
-LIGHT_FRACTION = 0.6
-"""Of the pretension, up to which they are drawn in each by its tension, the rest all by the same length: what a reading
-errs by, with the tension, would bend the robot."""
+LIGHT_FRACTION = 0.3
+"""Of the pretension, up to which they are drawn in each by its tension; the rest by about the same length."""
 APPROACH_S = 0.1
 """In which a missing tension is approached."""
 TOLERANCE = 0.004
@@ -56,6 +55,12 @@ GOOD_READINGS = 3
 LEAST_SPEED_M_S = 2e-4
 TIGHTENING_GROWTH = 1.3
 """A tick."""
+RUBBING_RISE_S = 2.5
+"""In which rubbing tendons are tightened: long enough to tell their tensions apart finer than by one count."""
+EVENING_S = 0.1
+"""In which the difference of a tendon's tension to the others' is found, and again in which it is wound away."""
+EVENING_SHARE = 0.7
+"""Of the tightening speed: so every tendon is always wound in."""
 TIMEOUT_S = 25.0
 CONTACT_COUNTS = 3.0
 """A rise of the current by fewer counts is no contact."""
@@ -97,6 +102,7 @@ class Homing:
         self._elapsed = self._resting = self._light = 0.0
         self._tightening = LEAST_SPEED_M_S
         self._good = 0
+        self._uneven = np.zeros(n)
         self._start: Floats | None = None
         self._target = np.zeros(0)
         self._wound_from = np.zeros(0)
@@ -145,7 +151,7 @@ class Homing:
             case _Stage.DRAW:
                 self._draw(reading - self._free, pretension, dt_s)
             case _Stage.TIGHTEN:
-                self._tighten(pretension - (reading - self._free), dt_s)
+                self._tighten(reading - self._free, pretension, dt_s)
             case _Stage.SETTLE if self._settling is not None:
                 missing = self._shares * (pretension - (reading - self._free))
                 self._target[self._index] += self._settling.step(pretension - missing, pretension, dt_s)
@@ -226,16 +232,24 @@ class Homing:
         if self._good >= GOOD_READINGS:
             self._stage = _Stage.TIGHTEN
 
-    def _tighten(self, missing: Floats, dt_s: float) -> None:
-        """All by the same length."""
-        mean = float(np.mean(missing))
-        if mean <= 0.0:
+    def _tighten(self, tension: Floats, pretension: float, dt_s: float) -> None:
+        """All by their share of a length; those that rub a little more or less, until each carries its share."""
+        level = float(np.sum(tension) / np.sum(self._shares))
+        missing = pretension - level
+        if missing <= 0.0:
             self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
             return
         # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
         self._tightening *= TIGHTENING_GROWTH
-        speed = min(mean * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
-        self._target[self._index] -= max(speed, LEAST_SPEED_M_S) * dt_s * self._shares
+        speed = min(missing * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
+        more = np.zeros_like(tension)
+        if self._settling is None:
+            speed = min(speed, (1.0 - LIGHT_FRACTION) * pretension * self._compliance / RUBBING_RISE_S)
+            # While it rises, a reading steps from count to count, and its mean is finer than a count.
+            self._uneven += (tension - self._shares * level - self._uneven) * dt_s / EVENING_S
+            most = EVENING_SHARE * speed * self._shares
+            more = np.clip(-self._uneven * self._compliance / EVENING_S, -most, most)
+        self._target[self._index] -= np.maximum(speed, LEAST_SPEED_M_S) * dt_s * self._shares + more * dt_s
 
 
 def _rubs(description: RobotDescription) -> bool:
