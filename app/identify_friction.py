@@ -12,9 +12,10 @@ from app.console.robot_keeper import RobotKeeper
 from app.link import ConsoleLink
 from cobra.control.identification_sweep import Step, steps
 from cobra.control.tendon_control import fits
+from cobra.description import RobotDescription
 from cobra.errors import OperatorError
 from cobra.loading import load_description
-from cobra.mechanics.loss_identification import NAMES, Sweep, identify
+from cobra.mechanics.loss_identification import EACH, NAMES, Sweep, identify
 from cobra.mechanics.losses import Identified, Losses, to_text
 from cobra.messages import Command, Intent, Reply, Request, RobotState
 
@@ -29,6 +30,9 @@ UNITS = {
     "backlash_m": ("play of the drives, as travel", "mm", 1e3),
     "hole_friction": ("friction in the vertebrae, mu", "", 1.0),
     "conduit_capstan": ("friction of the conduit, mu times its bends", "", 1.0),
+    "settling_s": ("time in which a section straightens", "s", 1.0),
+    "radius_m": ("routing radius", "mm", 1e3),
+    "bending_stiffness_Nm2": ("bending stiffness EI", "N m2", 1.0),
 }
 
 
@@ -58,7 +62,7 @@ def identify_friction(robot: str, out: Path | None, apply: bool, options: tuple[
             identified = identify(
                 description, _as_sweep(states, description.tendon_drives), f"a guided sweep, {_today()}"
             )
-            for line in report(Losses.described(description), identified):
+            for line in report(description, identified):
                 print(line)
             if out is not None:
                 out.write_text(to_text(identified), "utf-8")
@@ -75,15 +79,24 @@ def identify_friction(robot: str, out: Path | None, apply: bool, options: tuple[
     return 0
 
 
-def report(nominal: Losses, identified: Identified) -> list[str]:
+def report(description: RobotDescription, identified: Identified) -> list[str]:
     """A table: each parameter, found ± its standard deviation, and what the description says."""
+    nominal = Losses.described(description)
     lines = [f"{'':46}{'found':>12} {'±':>10}   described"]
-    for name in NAMES:
+
+    def line(name: str, which: slice, suffix: str = "") -> None:
         words, unit, scale = UNITS[name]
         found, sigma, said = (
-            float(np.mean(getattr(part, name))) * scale for part in (identified.losses, identified.deviation, nominal)
+            float(np.mean(np.atleast_1d(getattr(part, name))[which])) * scale
+            for part in (identified.losses, identified.deviation, nominal)
         )
-        lines.append(f"{words:46}{found:12.4g} {sigma:10.2g}   {said:.4g} {unit}".rstrip())
+        lines.append(f"{words + suffix:46}{found:12.4g} {sigma:10.2g}   {said:.4g} {unit}".rstrip())
+
+    for name in NAMES:
+        line(name, slice(None))
+    for name in EACH:
+        for k in description.active_sections:
+            line(name, slice(k, k + 1), f", section {description.sections[k].name}")
     return lines
 
 

@@ -12,8 +12,10 @@ from cobra.mechanics.rubbing import Rubbing
 
 TAKE_UP_RAD_S = 3.0
 """No lost motion is taken up faster, as bend of the straight tendon map."""
-DEAD_BAND_RAD = 2e-3
-"""Bends nearer to the wanted ones than this are left alone."""
+ASTRAY_RAD = 0.01
+"""Bends may err by this where setting them right costs a reversal of their drives, which crosses all that friction holds."""
+BEHIND_RAD = 1e-3
+"""And by this in the direction in which they move."""
 DEAD_BAND_M = 1.5e-5
 """A drive that is to turn back by less than this does not cross its play."""
 REVERSAL_S = 0.05
@@ -51,8 +53,9 @@ class Compensation:
         `extra` (m,) is what others add to the travel (trims), `spool_m` (m,) where the spools stand now by the feedback.
         """
         ends = self._ends()
-        wanted = self._model.reach(q, velocity, ends + extra - spool_m, outside, np.zeros_like(self._shift))
-        wanted = np.sign(wanted) * np.maximum(np.abs(wanted) - DEAD_BAND_RAD, 0.0)
+        moves = velocity[self._model.columns]
+        tolerance = np.where(np.stack([moves > 0.0, moves < 0.0]), BEHIND_RAD, ASTRAY_RAD)
+        wanted = self._model.reach(q, velocity, ends + extra - spool_m, outside, tolerance)
         fastest = float(np.max(np.abs(wanted), initial=0.0))
         self._shift = self._shift + wanted * min(1.0, TAKE_UP_RAD_S * dt_s / max(fastest, 1e-12))
         ends = self._ends()

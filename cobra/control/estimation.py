@@ -104,9 +104,7 @@ class Estimator:
         scale = deviation.axial_stiffness_N / losses.axial_stiffness_N
         stretch = (profile[:, 0] - profile[:, 0].mean()) / model.stiffness_N_m
         rubbing = np.hypot(deviation.drive_friction_N, profile[:, 1] * deviation.conduit_capstan)
-        lengths = np.stack(
-            [stretch * scale, np.hypot(rubbing, beyond) / model.stiffness_N_m, deviation.backlash_m / 2]
-        )
+        lengths = np.stack([stretch * scale, np.hypot(rubbing, beyond) / model.stiffness_N_m, deviation.backlash_m / 2])
         variance = (inverse**2) @ (lengths**2).sum(axis=0)
         radius = deviation.radius_m / np.maximum(losses.radius_m, 1e-9)
         out: Floats = np.sqrt(variance + (model.bends * radius[model.column_section]) ** 2)

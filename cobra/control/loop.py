@@ -203,6 +203,7 @@ class RobotLoop:
         self.preparing = PREPARING
         try:
             self.motion.warm_up()
+            self.tendons.warm_up()
         finally:
             self.preparing = ""
             # What was late meanwhile says nothing of driving.

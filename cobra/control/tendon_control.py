@@ -67,6 +67,11 @@ class TendonControl:
         self._referred = False
         self.takeovers += 1
 
+    def warm_up(self) -> None:
+        """Compile what the tendons' model needs: seconds the first time on a machine. Not while driving."""
+        if self.available:
+            Rubbing(self.description, self.identified.losses).warm_up()
+
     def prepare(self, identified: Identified) -> None:
         """Take these parameters when it is homed next."""
         self._next = identified
@@ -159,9 +164,9 @@ class TendonControl:
     def travel(self, q: Floats, dt_s: float) -> Floats:
         """Travel of all drives for q, `dt_s` after the last call; 0 changes nothing."""
         travel = self._drivetrain.travel_of(q)
-        extra = -self._wound_m
+        extra = np.full(len(self._index), -self._wound_m)
         if self.active:
-            extra = self._keeper.trims_m + extra
+            extra += self._keeper.trims_m
             velocity = (q - self._last_q) / dt_s if dt_s > 0.0 else np.zeros_like(q)
             if np.any(velocity):
                 spool, outside = self._estimator.spool_m, self._estimator.outside_Nm

@@ -100,6 +100,14 @@ class Rubbing:
         ends[np.arange(middle.shape[1]) > self.section_of[:, None]] = np.nan
         return np.concatenate([self._tension[:, :1], self._tension[:, parts - 1 : parts], ends], axis=1)
 
+    def warm_up(self) -> None:
+        """Compile (seconds the first time on a machine, then from the cache). Ends as `reset` without tension."""
+        nothing = np.zeros(len(self.slopes))
+        at_rest = np.zeros(len(self.columns))
+        self.advance(nothing, self._rest, at_rest, 1.0)
+        self.reach(self._rest, np.zeros_like(self._rest), nothing, at_rest, np.stack([at_rest, at_rest]))
+        self.reset(nothing)
+
     def advance(self, paid_out: Floats, q: Floats, outside: Floats, dt_s: float) -> None:
         """The motor ends have paid out (m,) [m] within `dt_s`; q (size,) tells twist and feed, `outside` (c,) M [N·m]."""
         robot = self._robot(q)
@@ -110,15 +118,16 @@ class Rubbing:
         )
         self._tension, self._guess = room[2], room[3]
 
-    def reach(self, q: Floats, velocity: Floats, paid_out: Floats, outside: Floats, start: Floats) -> Floats:
+    def reach(self, q: Floats, velocity: Floats, paid_out: Floats, outside: Floats, tolerance: Floats) -> Floats:
         """(c,) s: the motor ends must pay out `paid_out` + slopes · s from where they are, so that q is in balance.
 
-        `start` (c,) is a first guess, `velocity` (size,) that of q.
+        `velocity` (size,) is that of q; bends will do that are below it by up to
+        tolerance[0] (c,) [rad] or above by up to tolerance[1].
         """
         robot = self._robot(q)
         drag = self.losses.settling_s * robot[2][self.column_section] * velocity[self.columns]
         goal = np.ascontiguousarray((q - self._rest)[self.columns])
-        out = start.copy()
+        out = np.zeros(len(self.columns))
         kernels.reach(
             self._state,
             self.bends,
@@ -129,6 +138,7 @@ class Rubbing:
             self._weight(q, goal) + drag - outside,
             self._room(),
             self._inverse,
+            tolerance,
             out,
         )
         return out

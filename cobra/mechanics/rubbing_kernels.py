@@ -76,7 +76,9 @@ def relax(extension: Any, stiffness: Any, capstan: Any, counts: Any, slides: Any
 
 
 @compiled
-def _unbalance(base: Any, moved: Any, b: Any, robot: Any, hole: float, weight: Any, drag: Any, room: Any, out: Any) -> None:
+def _unbalance(
+    base: Any, moved: Any, b: Any, robot: Any, hole: float, weight: Any, drag: Any, room: Any, out: Any
+) -> None:
     """Moments missing from balance (c,) once the bends `b` have moved by `moved`; the relaxed tendons are left in `room`."""
     slopes, column_section, bending, stiffness, counts, parts = robot
     extension, capstan, tension, slides = room
@@ -143,24 +145,38 @@ def advance(state: Any, b: Any, paid_out: Any, robot: Any, hole: float, weight: 
 
 @compiled
 def reach(
-    state: Any, b: Any, goal: Any, paid_out: Any, robot: Any, hole: float, weight: Any, room: Any, inverse: Any, out: Any
+    state: Any,
+    b: Any,
+    goal: Any,
+    paid_out: Any,
+    robot: Any,
+    hole: float,
+    weight: Any,
+    room: Any,
+    inverse: Any,
+    tolerance: Any,
+    out: Any,
 ) -> None:
     """Let the motor ends also pay out slopes · `out` (c,), as far as balances the bends `goal` after `paid_out`.
 
     `inverse` is that of the moments by which a unit of `out` changes the balance when all friction slides: while it
-    sticks the balance does not answer, and each turn of the iteration goes a little further until it does.
+    sticks the balance does not answer, and each turn of the iteration goes a little further until it does. What is
+    short of the goal by up to tolerance[0] (c,) [rad], or beyond it by up to tolerance[1], is left as it is.
     """
     slopes = robot[0]
     m, c = slopes.shape
     base, missing, moved = state.copy(), np.empty(c), goal - b
-    still = np.zeros(robot[2].shape[0])
-    for _ in range(MAX_REACHES):
+    still, left = np.zeros(robot[2].shape[0]), np.zeros(c)
+    for turn in range(MAX_REACHES):
         for j in range(m):
             base[j, 0] = state[j, 0] - paid_out[j]
             for i in range(c):
                 base[j, 0] -= slopes[j, i] * out[i]
         _unbalance(base, moved, b, robot, hole, weight, still, room, missing)
         step = inverse @ missing
+        if turn == 0:
+            left = np.minimum(np.maximum(step, -tolerance[0]), tolerance[1])
+        step -= left
         out -= step
         if np.max(np.abs(step)) < REACHED_RAD:
             break
