@@ -234,7 +234,7 @@ class Homing:
 
     def _tighten(self, tension: Floats, pretension: float, dt_s: float) -> None:
         """All by their share of a length; those that rub a little more or less, until each carries its share."""
-        level = float(np.sum(tension) / np.sum(self._shares))
+        level = float(np.mean(tension))
         missing = pretension - level
         if missing <= 0.0:
             self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
@@ -246,10 +246,10 @@ class Homing:
         if self._settling is None:
             speed = min(speed, (1.0 - LIGHT_FRACTION) * pretension * self._compliance / RUBBING_RISE_S)
             # While it rises, a reading steps from count to count, and its mean is finer than a count.
-            self._uneven += (tension - self._shares * level - self._uneven) * dt_s / EVENING_S
-            most = EVENING_SHARE * speed * self._shares
+            self._uneven += (tension - level - self._uneven) * dt_s / EVENING_S
+            most = EVENING_SHARE * speed
             more = np.clip(-self._uneven * self._compliance / EVENING_S, -most, most)
-        self._target[self._index] -= np.maximum(speed, LEAST_SPEED_M_S) * dt_s * self._shares + more * dt_s
+        self._target[self._index] -= (max(speed, LEAST_SPEED_M_S) + more) * dt_s * self._shares
 
 
 def _rubs(description: RobotDescription) -> bool:
