@@ -27,6 +27,8 @@ STOP_S: Final = 12.0
 """So long the recorder may take to close its file."""
 PATIENCE_S: Final = 6.0
 """A recorder that says nothing for this long hangs."""
+BEGIN_S: Final = 30.0
+"""One that has not said anything by then does not begin."""
 TRIES: Final = 3
 
 
@@ -55,7 +57,7 @@ class RecorderProcess:
         self._warn = warn
         self._events = events
         self._endpoint = ""
-        self._waiting: queue.Queue[FeedLine] = queue.Queue(WAITING)
+        self._waiting: queue.Queue[FeedLine] = queue.Queue()
         self._process: subprocess.Popen[bytes] | None = None
         self._stopping = False
         self._tries = 0
@@ -76,9 +78,10 @@ class RecorderProcess:
         """What is wrong with the recording, in words; empty when nothing is."""
         if self._process is None:
             return "nothing is recorded: the recorder ended" if self._tries else ""
+        silent_s = time.monotonic() - self._heard_s
         if self.report is None:
-            return ""
-        if time.monotonic() - self._heard_s > PATIENCE_S:
+            return "nothing is recorded yet: the recorder does not begin" if silent_s > BEGIN_S else ""
+        if silent_s > PATIENCE_S:
             return "the recorder does not answer: nobody knows whether this is recorded"
         return self.report.state.problem or self.report.room
 
@@ -138,8 +141,11 @@ class RecorderProcess:
             start_new_session=True,
         )
         self._heard_s = time.monotonic()
-        for body in (self._write, self._listen):
-            threading.Thread(target=body, args=(process,), name="recording", daemon=True).start()
+        # A queue of its own: what is meant for this one must not go to the one that ended.
+        waiting: queue.Queue[FeedLine] = queue.Queue(WAITING)
+        self._waiting = waiting
+        for body, arguments in ((self._write, (process, waiting)), (self._listen, (process,))):
+            threading.Thread(target=body, args=arguments, name="recording", daemon=True).start()
 
     def _feed(self, line: FeedLine) -> None:
         try:
@@ -147,12 +153,12 @@ class RecorderProcess:
         except queue.Full:
             self.lost_inputs += 1
 
-    def _write(self, process: subprocess.Popen[bytes]) -> None:
+    def _write(self, process: subprocess.Popen[bytes], waiting: "queue.Queue[FeedLine]") -> None:
         assert process.stdin is not None
         with contextlib.suppress(OSError):
             while process is self._process:
                 with contextlib.suppress(queue.Empty):
-                    line = self._waiting.get(timeout=1.0)
+                    line = waiting.get(timeout=1.0)
                     process.stdin.write(msgspec.json.encode(line) + b"\n")
                     process.stdin.flush()
 

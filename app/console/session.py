@@ -239,7 +239,7 @@ class ConsoleSession:
             name=recorder.path.name if recorder else "",
             problem=recorder.problem if recorder else "",
             megabytes=state.size_bytes / 1e6 if state else 0.0,
-            lost=state.dropped + state.missed if state else 0,
+            lost=state.dropped + state.missed + recorder.lost_inputs if recorder and state else 0,
         )
 
     def _pad_state(self) -> Pad:

@@ -314,4 +314,5 @@ function showButtons(phase) {
   setText(byId("hold-hint"), off || drives || phase === "ready" && !driving.held || !hint ? "Space" : hint);
 }
 
+notes(ask);
 tabs();

@@ -137,6 +137,30 @@ def test_what_is_wrong_with_a_recording_is_told_on_the_page(tab: Any, tmp_path: 
         expect(tab.get_by_test_id("offset")).to_be_hidden()
 
 
+# ---------------------------------------------------------------- the operator's page
+
+
+def test_the_operator_is_told_when_the_disk_refuses_and_what_was_lost(tab: Any) -> None:
+    session = FakeSession()
+    tab.route("**/viewer/**", lambda route: route.fulfill(body=""))
+    with FrontDoor("127.0.0.1", 0, 1, session) as door:
+        tab.goto(door.url)
+        shown = tab.get_by_test_id("recording")
+        expect(shown).to_have_text("Not recorded")
+        for problem, lost, words in (
+            ("", 0, "Recording"),
+            ("the disk has taken nothing for 3 s", 0, "the disk has taken nothing for 3 s"),
+            ("", 120, "Recording; 120 messages lost"),
+        ):
+            session.changes["recording"] = {"name": "a.mcap", "problem": problem, "megabytes": 1.0, "lost": lost}
+            expect(shown).to_have_text(words)
+        tab.keyboard.press("n")
+        tab.keyboard.type("blade 7")
+        tab.keyboard.press("Enter")
+        session.wait(lambda: "mark" in session.requests)
+        assert session.texts[session.requests.index("mark")] == "blade 7"
+
+
 # ---------------------------------------------------------------- the catalogue
 
 
