@@ -12,6 +12,9 @@ from cobra.kinematics.ramps import approached, braking_speed, reached, shortened
 
 Floats = NDArray[np.float64]
 
+TURNING_1_S = 1.5
+"""How fast a bend at its limit may turn around [rad/s]: where the port takes the limit away, it would have to turn ever faster."""
+
 
 class JointRates:
     """Limits of one robot, entry by entry of q; a bend is limited as a vector."""
@@ -73,13 +76,18 @@ class JointRates:
         acceleration = self.configuration.acceleration[index]
         inside = shortened(bend, limit)
         left = max(step - math.dist(bend, inside), 0.0)
-        velocity = speed + shortened(wanted - speed, acceleration * dt_s)
         size = math.hypot(*bend)
         if size > 1e-9:
             outward = bend / size
-            shrinking = min(limit - now, 0.0) / dt_s
-            most = shrinking + braking_speed(now - size, acceleration, dt_s)
+            around = np.array([-outward[1], outward[0]])
+            most = min(limit - now, 0.0) / dt_s + braking_speed(now - size, acceleration, dt_s)
+            turning = TURNING_1_S * limit * limit / size
+            out, turn = float(wanted @ outward), float(wanted @ around)
+            wanted = min(out, most) * outward + min(max(turn, -turning), turning) * around
+            velocity = speed + shortened(wanted - speed, acceleration * dt_s)
             velocity = velocity - max(float(velocity @ outward) - most, 0.0) * outward
+        else:
+            velocity = speed + shortened(wanted - speed, acceleration * dt_s)
         end = shortened(bend + velocity * dt_s, limit)
         return reached(inside, end, bend, step) if left else inside
 

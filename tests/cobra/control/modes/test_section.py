@@ -63,6 +63,24 @@ def test_retracting_unbends_what_enters_the_port():
     assert motion.q[2:] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_bend_that_vanishes_into_the_port_slows_its_turning_in_time():
+    """The stick pushes around the edge of a limit that shrinks to nothing: the bend would have to turn ever faster."""
+    motion, backbone, bend = SectionMode(COBRA), Backbone(COBRA), LAYOUT.bends[2]
+    start = motion.q.copy()
+    start[FEED], start[bend] = 0.03, (0.45, 0.0)
+    motion.reset(start)
+    worst = 0.0
+    while motion.q[FEED] > 0.001:
+        before, (x, y) = motion.velocity.copy(), motion.q[bend]
+        around = np.array([-y, x]) / max(np.hypot(x, y), 1e-9)
+        motion.take(*motion.propose(Intent(secondary=tuple(around.tolist()), feed=-1.0), DT))
+        if backbone.bend_limits(motion.q)[2] < 0.2:
+            worst = max(
+                worst, float(np.hypot(*(motion.velocity - before)[bend])) / (LAYOUT.acceleration[bend.start] * DT)
+            )
+    assert worst < 1.5
+
+
 stick = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
 intents = st.builds(
     Intent,
