@@ -1,6 +1,7 @@
 """Stands before everything that the front door serves: the right host name, our own pages only, and a session."""
 
 import contextlib
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ PUBLIC = frozenset(
 """What is served to anybody: nothing of the robot."""
 PAGES = ("/", "/sessions")
 """What people open by its address: who has no session gets one, or is asked to sign in."""
+ROOM = re.compile(r"/robot/[^/]+/")
+"""And the page of one watched robot."""
 VIEW = "/viewer"
 TICKET_MARK = "~"
 
@@ -96,11 +99,12 @@ class Doorkeeper:
             return
         hand_out = ""
         visitor = self._visitor(scope)
-        if visitor is None and scope["path"] in (*PAGES, "/stop") and (visitor := self._sessions.host()):
+        page = scope["path"] in PAGES or ROOM.fullmatch(scope["path"])
+        if visitor is None and (page or scope["path"] == "/stop") and (visitor := self._sessions.host()):
             # Without users the page itself hands out the session, and a program on this machine may STOP.
-            hand_out = self._cookie.header(visitor.session) if scope["path"] in PAGES else ""
+            hand_out = self._cookie.header(visitor.session) if page else ""
         if visitor is None and scope["path"] not in PUBLIC:
-            if scope["type"] == "http" and scope["path"] in PAGES:
+            if scope["type"] == "http" and page:
                 await RedirectResponse("/sign-in", 303)(scope, receive, hardened(send))
             else:
                 await self._refuse("no session", 401, scope, receive, send)

@@ -232,6 +232,9 @@ function showFacts() {
   setText(byId("versions"), versions[0] ?? "");
   byId("versions").title = versions.join("\n");
   document.body.dataset.role = facts.role;
+  // A watched robot's page is one of many, under the wall.
+  byId("to-wall").hidden = PLACE === "/";
+  byId("versions").hidden = PLACE !== "/";
   setText(byId("user"), `${facts.user}, ${facts.role}`);
   byId("danger").hidden = !facts.danger;
   setText(byId("danger"), facts.danger);

@@ -15,11 +15,13 @@ export class Thin {
   constructor(link, on) {
     this.link = link;
     this.on = on;
-    this.yes = stored() === "yes";
+    this.chosen = stored(); // by somebody, "yes" or "no"
+    this.yes = this.chosen === "yes";
     this.oldSince = null;
     this.lookedAt = 0;
     byId("thin-toggle").addEventListener("click", () => {
-      store(this.yes ? "no" : "yes");
+      this.chosen = this.yes ? "no" : "yes";
+      store(this.chosen);
       this.#choose(!this.yes);
     });
     this.#show();
@@ -41,7 +43,7 @@ export class Thin {
   #look() {
     const busy = performance.now() - this.lookedAt > 2 * LOOK_MS; // then it is this computer that is late, not the link
     this.lookedAt = performance.now();
-    if (this.yes || stored()) return;
+    if (this.yes || this.chosen) return;
     const old = !busy && !document.hidden && this.link.age() > OLD_MS;
     this.oldSince = old ? this.oldSince ?? performance.now() : null;
     if (this.link.behind || (old && performance.now() - this.oldSince > FOR_MS)) {

@@ -239,7 +239,8 @@ def test_nothing_is_shown_without_a_session(tmp_path, robots):
     with House([robots[0].endpoint], users) as house:
         wait_for("the robot", lambda: house.robots)
         assert house.client.get("/").url.path == "/sign-in"
-        for path in ("/robot/left/", "/robot/left/viewer/", "/static/js/wall.js"):
+        assert house.client.get("/robot/left/").url.path == "/sign-in"
+        for path in ("/robot/left/viewer/", "/robot/left/a/", "/static/js/wall.js"):
             assert house.client.get(path).status_code == 401
         assert house.client.post("/robot/left/stop").status_code == 401
         for path in ("/wall", "/robot/left/ws", "/robot/left/viewer/"):
@@ -279,3 +280,16 @@ def test_without_robots_here_one_line_says_what_to_do(tmp_path: Path, monkeypatc
     monkeypatch.setenv("COBRA_TELEOP_RUNTIME_DIR", str(tmp_path))
     with pytest.raises(BusyError, match="--robot"):
         run_watch(WatchOptions())
+
+
+def test_a_robots_page_can_be_opened_without_the_wall_and_by_strangers_only_after_signing_in(house, robots, tmp_path):
+    with httpx.Client(base_url=house.door.url) as bookmark:
+        assert bookmark.get("/robot/left/").status_code == 200
+        assert bookmark.get("/robot/left/viewer/").status_code == 200
+    users = Users(tmp_path / "users.json")
+    users.add("vic", "viewer")
+    with House([robots[0].endpoint], users) as guarded, httpx.Client(base_url=guarded.door.url) as stranger:
+        answer = stranger.get("/robot/left/")
+        assert (answer.status_code, answer.headers["location"]) == (303, "/sign-in")
+        for path in ("/robot/left/viewer/", "/robot/left/ws", "/robot/left/a/"):
+            assert stranger.get(path).status_code == 401, path
