@@ -95,7 +95,7 @@ def run_robot(
         link = RobotLink(
             description.name,
             endpoint,
-            _meta(robot, world),
+            _meta(robot, world, is_simulated(description)),
             router,
             access,
             audit=lambda: msgspec.msgpack.encode(trail.tail()),
@@ -210,7 +210,7 @@ def _announcing(link: RobotLink) -> Callable[[Event], None]:
     return announce
 
 
-def _meta(robot: str, world: World | None) -> Meta:
+def _meta(robot: str, world: World | None, simulated: bool) -> Meta:
     versions = {name: metadata.version(name) for name in VERSIONS}
     versions["python"] = sys.version.split()[0]
     environment = world.plant.environment if world and world.plant else None
@@ -218,6 +218,7 @@ def _meta(robot: str, world: World | None) -> Meta:
         description=description_text(robot),
         versions=versions,
         pid=os.getpid(),
+        simulated=simulated,
         walls=_walls(environment) if environment else None,
         notes=world.notes if world else (),
     )

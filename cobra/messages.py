@@ -440,6 +440,8 @@ class Meta(Message, frozen=True, kw_only=True):
     """The robot description as TOML text."""
     versions: dict[str, str]
     pid: int
+    simulated: bool = False
+    """Whether every bus, as it was led when this robot was started, ends at simulated drives."""
     walls: Walls | None = None
     notes: tuple[str, ...] = ()
     """What people should know of how this robot was started."""

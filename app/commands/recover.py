@@ -9,14 +9,17 @@ from app.commands.command import Command
 
 
 def recover(
-    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help="The recording.")],
+    file: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help="The recording, or a session's name.")
+    ],
     /,
     *,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="The clean file; FILE.recovered.mcap.")] = None,
 ) -> int:
+    from app.recording.catalogue import given
     from app.recording.recover import run_recover
 
-    return run_recover(file, out)
+    return run_recover(given(file), out)
 
 
 COMMAND = Command(

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from app import logs, runtime
+from app.bus_routes import rerouted
 from app.commands.command import as_options
 from app.console import listening
 from app.console.detail import Detail, rate_of
@@ -40,7 +41,7 @@ from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
 from app.people.users import Users
 from app.recording import storage
-from app.recording.drive_from import DriveFrom, refuse_real_buses
+from app.recording.drive_from import DriveFrom, plan
 from cobra.clock import SystemClock
 from cobra.description import RobotDescription
 from cobra.loading import load_description, parse_description
@@ -106,7 +107,7 @@ class Console:
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         description = load_description(options.robot)
         if options.drive_from:
-            refuse_real_buses(description)
+            plan(options.drive_from, rerouted(description, options.routes))  # before anything is started
         _refuse_a_second(description.name)
         logs.start(f"console-{description.name}")
         recording = _recording_path(options, description.name)
@@ -257,6 +258,7 @@ def _drive_from(path: Path, meta: Meta, pilot: Pilot, driver: Driver, robot: Rob
         path,
         parse_description(meta.description, "the running robot's description"),
         pilot,
+        simulated=meta.simulated,
         arm=lambda: driver.ask(Request(what="arm")),
         latest=robot.latest,
         wake=driver.wake,

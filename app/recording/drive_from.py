@@ -101,6 +101,20 @@ def drives_of(recording: Recording) -> tuple[Drive, ...]:
     return tuple(drives)
 
 
+def plan(path: Path, description: RobotDescription) -> tuple[tuple[Drive, ...], list[RobotState]]:
+    """The recorded presses, and the states while they were driven.
+
+    Raises:
+        RecordingError: it is no recording, of another robot, nobody drove in it, or a bus of this robot is a real one.
+    """
+    refuse_real_buses(description)
+    with Recording(path) as recording:
+        if recording.robot != description.name:
+            raise RecordingError(f"{path}: a recording of robot {recording.robot!r}, this is {description.name!r}")
+        drives = drives_of(recording)
+        return drives, [state for _, state in recording.states() if state.phase == "driving"]
+
+
 class RecordedInput:
     """An `InputSource` that plays recorded readings; between them it is let go and centred."""
 
@@ -137,7 +151,8 @@ class DriveFrom:
 
     Args:
         path: the recording.
-        description: of the robot that is driven, which must be a twin.
+        description: of the robot that is driven.
+        simulated: whether its process says that it is a twin: its buses may be led elsewhere than described.
         arm: asks the robot to arm.
         latest: its newest state.
         wake: tells the driver's stream that the sticks moved.
@@ -150,11 +165,17 @@ class DriveFrom:
         description: RobotDescription,
         pilot: Pilot,
         *,
+        simulated: bool,
         arm: Callable[[], Reply],
         latest: Callable[[], RobotState | None],
         wake: Callable[[], None],
         tell: Callable[[str], None],
     ) -> None:
+        if not simulated:
+            raise RecordingError(
+                "--drive-from drives a twin only: the robot process that runs was started on a real bus; look at the "
+                "recording with cobra-teleop replay"
+            )
         refuse_real_buses(description)
         self._path = path
         self._description = description
@@ -168,18 +189,8 @@ class DriveFrom:
         """Once it has driven."""
 
     def start(self) -> None:
-        """Read the recording and begin.
-
-        Raises:
-            RecordingError: it is none, of another robot, or nobody drove in it.
-        """
-        with Recording(self._path) as recording:
-            if recording.robot != self._description.name:
-                raise RecordingError(
-                    f"{self._path}: a recording of robot {recording.robot!r}, this is {self._description.name!r}"
-                )
-            drives = drives_of(recording)
-            recorded = [state for _, state in recording.states() if state.phase == "driving"]
+        """Read the recording and begin. Raises RecordingError as `plan`."""
+        drives, recorded = plan(self._path, self._description)
         self._pilot.attach(KEY, self._source)
         self._thread = threading.Thread(target=self._run, args=(drives, recorded), name="drive from", daemon=True)
         self._thread.start()

@@ -1,6 +1,7 @@
 """Exports of a recording: tables for analysis, a scene and plots to share, a report to file."""
 
 import csv
+import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +34,7 @@ def export(source: Path, kinds: Sequence[Kind], wanted: Sequence[str], folder: P
         except OSError as error:
             raise RecordingError(f"{target}: cannot be written: {error.strerror}") from None
         for warning in recording.warnings:
-            print(f"cobra-teleop: {warning}")
+            print(f"cobra-teleop: {warning}", file=sys.stderr)
     return written
 
 

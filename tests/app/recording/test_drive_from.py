@@ -10,12 +10,13 @@ import can
 import msgspec
 import pytest
 
+from app.cli import main
 from app.recording import channels, storage
 from app.recording.catalogue import sessions
 from app.recording.container import RecordingError
-from app.recording.drive_from import compare, drives_of, refuse_real_buses
+from app.recording.drive_from import DriveFrom, compare, drives_of, refuse_real_buses
 from app.recording.reader import Recording
-from cobra.messages import Calibration, RobotState
+from cobra.messages import Calibration, Meta, RobotState
 from tests.recordings import COBRA, moving, write
 from tests.stack import Page, Stack, running, wait_for
 
@@ -33,6 +34,25 @@ def test_one_real_bus_among_simulated_ones_is_enough():
     real = msgspec.structs.replace(COBRA.buses[0], name="second", interface="socketcan")
     with pytest.raises(RecordingError, match="'second'"):
         refuse_real_buses(msgspec.structs.replace(COBRA, buses=(*COBRA.buses, real)))
+
+
+@pytest.mark.parametrize("bus", ["main=socketcan:can0", "main=slcan:/dev/ttyACM0"])
+def test_a_bus_that_is_led_to_a_real_one_is_refused_before_anything_starts(tmp_path, bus, capsys, monkeypatch):
+    write(tmp_path / "a.mcap", 1.5)
+    monkeypatch.setenv("COBRA_TELEOP_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(SystemExit) as ended:
+        main(["--drive-from", str(tmp_path / "a.mcap"), "--bus", bus, "--no-open", "--port", "0"])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "--drive-from drives a twin only: bus 'main'" in told
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_a_running_robot_process_on_a_real_bus_is_refused_whatever_its_description_says(tmp_path):
+    with pytest.raises(RecordingError, match="was started on a real bus"):
+        DriveFrom(tmp_path / "a.mcap", COBRA, None, simulated=False, arm=None, latest=None, wake=None, tell=None)
+    assert not Meta(description="", versions={}, pid=1).simulated, "of one that does not say, the worst is believed"
 
 
 def test_the_presses_are_found_and_a_recording_in_which_nobody_drove_is_refused(tmp_path):

@@ -10,6 +10,7 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
+from app.cli import main
 from app.recording.player import Player
 from app.recording.reader import Recording
 from app.recording.replay import start_server
@@ -31,6 +32,7 @@ def watch(event, arguments):
         opened.append(arguments[0])
 sys.addaudithook(watch)
 from app.recording.reader import Recording
+from app.cli import main
 from app.recording.player import Player
 from app.recording.replay import start_server
 from cobra.clock import SystemClock
@@ -138,11 +140,28 @@ def test_a_recording_without_description_is_played_without_a_view(tmp_path):
         assert until(page, lambda m: m["type"] == "snapshot")["phase"] == "ready"
 
 
-@pytest.mark.parametrize("command", ["replay", "recover"])
-def test_what_is_no_recording_is_one_line_and_exit_status_2(tmp_path, command):
+@pytest.mark.parametrize(
+    "command", [["replay"], ["recover"], ["export"], ["--no-open", "--port", "0", "--drive-from"]], ids=lambda c: c[-1]
+)
+def test_what_is_no_recording_is_one_line_and_exit_status_2(tmp_path, command, capsys, monkeypatch):
+    monkeypatch.setenv("COBRA_TELEOP_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "x.mcap").write_text("tick,phase\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "app", command, str(tmp_path / "x.mcap")], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert re.fullmatch(r"cobra-teleop: .*x\.mcap: not a recording.*\n", done.stderr), done.stderr
+    for name, words in (("x.mcap", "not a recording: it does not begin"), ("none.mcap", "there is no such file")):
+        with pytest.raises(SystemExit) as ended:
+            main([*command, str(tmp_path / name)])
+        assert ended.value.code == 2
+        told = capsys.readouterr().err
+        assert re.fullmatch(rf"cobra-teleop: .*{name}: {words}.*\n", told), told
+
+
+def test_of_a_truncated_file_what_is_whole_is_exported_and_a_line_says_the_rest(tmp_path, capsys):
+    write(tmp_path / "a.mcap", 2.0)
+    whole = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:-5000])
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(tmp_path / "cut.mcap"), "--to", "csv", "--channels", "state.tick"])
+    assert ended.value.code == 0
+    told = capsys.readouterr()
+    assert "cut.mcap was not closed" in told.err
+    assert told.out == f"{tmp_path / 'cut' / 'state.csv'}\n"
+    assert len((tmp_path / "cut" / "state.csv").read_text().splitlines()) == 101
