@@ -5,6 +5,7 @@ Putting never waits. What does not fit, because the disk is slow or full, is cou
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -90,7 +91,7 @@ class SessionWriter:
         self._disk = ""
         self.refused = ""
         """Why nothing is to be written now, in words; set by whoever watches the disk. What comes is dropped then."""
-        self._progress_s = time.monotonic()
+        self._progress_s = math.inf
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
         self._offset_ns = 0
@@ -126,7 +127,6 @@ class SessionWriter:
         except OSError:
             self._file.close()
             raise
-        self._progress_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -166,6 +166,8 @@ class SessionWriter:
 
     def _run(self) -> None:
         self._begin()
+        # Only from here on is it the disk that is waited for: kinematics take seconds to load on a busy machine.
+        self._progress_s = time.monotonic()
         last = False
         while not last:
             # What is put before the flag is seen is still written.
