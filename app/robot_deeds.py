@@ -20,6 +20,7 @@ WORTH_NOTING = {
     "home_repeatedly": "homed repeatedly",
     "tare": "tared load cells",
     "calibrate_cell": "calibrated a load cell",
+    "resume": "took the kept zeros",
     "abort": "ended a step of commissioning",
     "clear": "cleared the stop",
     "quit": "quit",

@@ -72,6 +72,7 @@ What = Literal[
     "tare",
     "calibrate_cell",
     "abort",
+    "resume",
 ]
 
 _log = logging.getLogger(__name__)

@@ -195,7 +195,7 @@ class ConsoleSession:
             case "acquire" | "release" | "take" | "ask" | "withdraw" | "grant" | "refuse" | "console_pad":
                 who = Occupant(asker.visitor.name, page)
                 return self._later(lambda: self._driver.change(who, what, text, bool(value)))
-            case "identify" | "test" | "home_repeatedly" | "tare" | "calibrate_cell" | "abort":
+            case "identify" | "test" | "home_repeatedly" | "tare" | "calibrate_cell" | "abort" | "resume":
                 request, refusal = commissioning_request(what, value, text)
                 return _answer(refusal) if request is None else self._ask(request, asker)
             case "compensation":

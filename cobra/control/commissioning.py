@@ -8,12 +8,16 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
+import numpy as np
+
 from cobra.control.drivetrain import Drivetrain
 from cobra.control.requests import Act
 from cobra.control.supervisor import Health
 from cobra.description import RobotDescription
+from cobra.kinematics.configuration import Configuration
 from cobra.messages import Commissioned, CommissioningReport, Reply, Request
-from cobra.motors.calibration import CalibrationBook, CalibrationError, zeros
+from cobra.motors.bus import HOME_AGAIN
+from cobra.motors.calibration import CalibrationBook, CalibrationError, zero_angles, zeros
 from cobra.motors.cell_readings import LoadCells
 from cobra.motors.commissioning.bench import Bounded
 from cobra.motors.commissioning.cell_points import KnownForce, Tare
@@ -25,6 +29,11 @@ from cobra.motors.commissioning.repeat import MOST_RUNS, RepeatedHoming
 Begin = Callable[[Health, float], tuple[str, ...]]
 """Makes the drives stand ready for a step: (health, now [s]) → what prevents it, in words."""
 
+SAME_COUNT_M: Final = 0.02
+"""A drive whose zero went further counts from elsewhere: it has lost power."""
+ALONE_M: Final = 1e-3
+NO_SHAPE_M: Final = 2e-3
+"""Friction and stretch explain less; of a motor's turn, 7 mm on a spool of 10 mm, at least half is left over."""
 GOOD_SPREAD_M: Final = 5e-4
 """Zeros that differ by more from run to run are told of."""
 
@@ -39,6 +48,7 @@ class Commissioning:
         cells: LoadCells,
         book: CalibrationBook,
         begin: Begin,
+        refer: Callable[[Floats, Floats], Reply],
         warn: Callable[[str], None],
     ) -> None:
         self._description = description
@@ -46,6 +56,7 @@ class Commissioning:
         self._cells = cells
         self._book = book
         self._begin = begin
+        self._refer = refer
         self._warn = warn
         self._procedure: Bounded | None = None
         self._guard: Guard | None = None
@@ -64,6 +75,7 @@ class Commissioning:
             "tare": self._tare,
             "calibrate_cell": self._known_force,
             "abort": self._abort,
+            "resume": self._resume,
         }
 
     @property
@@ -158,6 +170,63 @@ class Commissioning:
                 )
                 for name, value in spread.items()
             )
+
+    def compare(self) -> None:
+        """Warn of tendons whose zero homing has just found elsewhere than what is kept, alone among the others.
+
+        Drives that have lost power since count from elsewhere altogether: of them nothing can be said.
+        """
+        kept, feedback = self._book.newest, self._drivetrain.feedback
+        if kept is None or not kept.drives or feedback is None or not len(self._drivetrain.tendon_index):
+            return
+        zero, why = zero_angles(self._description, kept)
+        if why:
+            return
+        index = self._drivetrain.tendon_index
+        now = self._drivetrain.transmission.angle(np.zeros(len(zero)))
+        moved = ((now - zero) * self._drivetrain.transmission.travel_per_rad)[index]
+        alone = moved - np.median(moved)
+        if np.abs(moved).max() > SAME_COUNT_M:
+            return
+        for i in np.flatnonzero(np.abs(alone) > ALONE_M):
+            self._warn(
+                f"tendon {self._description.tendon_names[i]}: its zero is {abs(alone[i]) * 1e3:.1f} mm off what was kept on "
+                f"{kept.date}: was it replaced, or did it slip?"
+            )
+
+    def _resume(self, request: Request, now_s: float, health: Health) -> Reply:
+        """Take the kept zeros instead of homing, where the drives have had power since and the robot must not be moved.
+
+        The tendons outnumber the bends: lengths that no shape has show drives that lost their count.
+        """
+        kept, feedback = self._book.newest, self._drivetrain.feedback
+        if kept is None or feedback is None:
+            return Reply(ok=False, reasons=("there are no kept zeros: home it",))
+        zero, why = zero_angles(self._description, kept)
+        travel = (feedback.angle - zero) * self._drivetrain.transmission.travel_per_rad
+        if not why:
+            why = self._doubt(travel, kept.date)
+        lost = [fault for fault in health.faults if HOME_AGAIN in fault]
+        why = "; ".join((*health.blocking, *lost)) or why
+        return Reply(ok=False, reasons=(why,)) if why else self._refer(feedback.angle, travel)
+
+    def _doubt(self, travel: Floats, date: str) -> str:
+        """Why a travel (drives,) cannot be what the kept zeros say, in words; empty if it can."""
+        for drive, here in zip(self._description.drives, travel.tolist(), strict=True):
+            low, high = drive.travel_limits
+            if not low <= here <= high:
+                return f"drive {drive.name} would be out of its travel: it lost its count since {date}; home it"
+        drivetrain = self._drivetrain
+        shape = drivetrain.tendons.shape(travel[drivetrain.tendon_index], Configuration(self._description).rest())
+        # Tension that all have lost alike, when the drives were switched off, is no lost count.
+        off = np.abs(shape.residual_m - np.median(shape.residual_m))
+        if len(off) and off.max() > NO_SHAPE_M:
+            name = self._description.tendon_names[int(np.argmax(off))]
+            return (
+                f"tendon {name} would be {off.max() * 1e3:.1f} mm off any shape: its drive lost its count since {date}, or it "
+                "slipped; home it"
+            )
+        return ""
 
     def report(self) -> CommissioningReport:
         """For everybody to see."""

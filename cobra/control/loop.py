@@ -109,6 +109,7 @@ class RobotLoop:
             cells if cells is not None else LoadCells(description, clock),
             calibrations or CalibrationBook(description, None),
             self._stand_ready,
+            self._refer,
             self.warn,
         )
         self.requests.acts.update(self.commissioning.acts)
@@ -333,6 +334,16 @@ class RobotLoop:
             self.supervisor.start_commissioning()
         return reasons
 
+    def _refer(self, angle: Floats, travel: Floats) -> Reply:
+        """Take the shafts' angles for this travel, homed, though nothing moved."""
+        if self.supervisor.phase != "disarmed":
+            return Reply(ok=False, reasons=("disarm it first",))
+        self.drivetrain.transmission.refer(angle, travel)
+        self.supervisor.homed = True
+        self.motion.reset(self._measured())
+        self.locking.reset(self.motion.q)
+        return Reply(ok=True)
+
     def _start_from_measured(self, feedback: Feedback) -> None:
         """Bumpless: the first setpoint after switching on is where the drives stand."""
         self._watch.forget()
@@ -383,7 +394,11 @@ class RobotLoop:
         except HomingError as error:
             self.supervisor.homing_failed(str(error))
             return setpoint
-        return self._take_zero(target) if self._homing.done else target
+        if not self._homing.done:
+            return target
+        rest = self._take_zero(target)
+        self.commissioning.compare()
+        return rest
 
     def _step_commissioning(self, setpoint: Floats) -> Floats | None:
         step = self.commissioning

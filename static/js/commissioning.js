@@ -74,6 +74,8 @@ export class Commissioning {
     this.bodies.test.append(button("Test all drives", "commission-test", () => this.ask("test"), "primary"));
     this.bodies.home.append(
       button("Home three times", "commission-home", () => this.ask("home_repeatedly", RUNS), "primary"),
+      button("Take the kept zeros", "commission-resume", () => this.ask("resume")),
+      make("span", "faint", "Kept zeros hold only while the drives had power all the time."),
     );
     this.cells = make("ul", "commission-found");
     this.tendon = make("select");

@@ -54,7 +54,7 @@ export function reasonsTitle(phase, reasons) {
 }
 
 export const REQUESTS = {
-  identify: "Identify", test: "Test", home_repeatedly: "Homing", tare: "Tare", calibrate_cell: "Calibration", abort: "Ending",
+  identify: "Identify", test: "Test", home_repeatedly: "Homing", tare: "Tare", calibrate_cell: "Calibration", abort: "Ending", resume: "Kept zeros",
   arm: "Arm", disarm: "Disarm", home: "Home", clear: "Clear", stop: "STOP", quit: "Quit",
   lock: "Lock", unlock: "Unlock", restart_robot: "Restart", section: "Section", speed: "Speed",
   mode: "Mode", frame: "View", pose: "Pose",

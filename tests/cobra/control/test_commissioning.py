@@ -1,12 +1,16 @@
 """Commissioning through the control loop: what a driver may ask, what then moves, and what ends it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from cobra.control.loop import RobotLoop
 from cobra.description import LoadCell
 from cobra.loading import load_description
 from cobra.messages import Intent, Request, RobotState, Stop, encode
+from cobra.motors.calibration import CalibrationBook
 from cobra.simulation.drives import world_of
 from cobra.simulation.faults import FaultDesk
 from tests.bench import CHANNEL, Bench
@@ -189,3 +193,74 @@ def test_a_cell_that_dies_ends_the_drive_once_and_the_currents_stand_in() -> Non
         for _ in range(20):
             state = bench.tick(Intent(primary=(-0.3, 0.0)))
         assert state.phase == "driving"
+
+
+def restarted(bench: Bench, book: CalibrationBook) -> None:
+    """A robot process that has just been started anew, while the drives kept their power."""
+    bench.loop = RobotLoop(
+        bench.believed, bench._bus, bench.clock, bench.states.append, bench.events.append, calibrations=book
+    )
+    bench.loop.commissioning.start()
+    reply = bench.ask(Request(what="acquire", who="test"))
+    bench.lease, bench.epoch = reply.lease, reply.epoch
+    attend(bench)
+
+
+def test_kept_zeros_stand_in_for_homing_where_the_drives_kept_their_power(tmp_path: Path) -> None:
+    book = CalibrationBook(COBRA, tmp_path)
+    with Bench(0) as bench:
+        restarted(bench, book)
+        assert not ask(bench, "resume")[0]
+        assert ask(bench, "home_repeatedly", value=1.0)[0]
+        assert until_over(bench).phase == "ready"
+        bench.loop.commissioning.stop()
+        bent = [bench.tick(Intent(primary=(0.5, 0.0))) for _ in range(60)][-1].measured
+        attend(bench)
+        ask(bench, "disarm")
+        restarted(bench, CalibrationBook(COBRA, tmp_path))
+        attend(bench, 150)  # switched off, the drives give way to the tendons
+        before = world_of(CHANNEL).travel.copy()
+        assert ask(bench, "resume") == (True, ())
+        state = attend(bench)
+        assert state.homed
+        assert world_of(CHANNEL).travel == pytest.approx(before, abs=1e-4)
+        assert state.measured[2:] == pytest.approx(bent[2:], abs=0.35)
+        # A drive that lost its count is found out by the others, …
+        kept = book.newest
+        assert kept is not None
+        turned = replace(kept.drives["N2"], zero_rad=kept.drives["N2"].zero_rad + np.pi / 4.5)
+        CalibrationBook(COBRA, tmp_path).keep(
+            "as if N2 had lost a turn of its motor", drives={**kept.drives, "N2": turned}
+        )
+        restarted(bench, CalibrationBook(COBRA, tmp_path))
+        ok, (why,) = ask(bench, "resume")
+        assert not ok
+        assert "tendon N2 would be" in why
+        assert "off any shape" in why
+        assert not bench.tick().homed
+        # … or says so itself.
+        FaultDesk(CHANNEL).make("slip S3 80")
+        attend(bench, 80)
+        ok, reasons = ask(bench, "resume")
+        assert not ok
+        assert "drive S3" in reasons[0]
+        assert "home again" in reasons[0]
+
+
+def test_a_zero_that_moved_alone_is_told_after_homing(tmp_path: Path) -> None:
+    book = CalibrationBook(COBRA, tmp_path)
+    with Bench(0) as bench:
+        restarted(bench, book)
+        assert ask(bench, "home_repeatedly", value=1.0)[0]
+        assert until_over(bench).phase == "ready"
+        bench.loop.commissioning.stop()
+        kept = book.newest
+        assert kept is not None
+        shifted = replace(kept.drives["E1"], zero_rad=kept.drives["E1"].zero_rad + 0.3)
+        book.keep("as if E1 had been replaced", drives={"E1": shifted})
+        ask(bench, "disarm")
+        restarted(bench, CalibrationBook(COBRA, tmp_path))
+        assert bench.home().phase == "ready"
+        told = [event.text for event in bench.events if "its zero is" in event.text]
+        assert len(told) == 1
+        assert "tendon E1: its zero is 3." in told[0] or "tendon E1: its zero is 2.9" in told[0]
