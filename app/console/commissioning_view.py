@@ -3,7 +3,7 @@
 import math
 from typing import TypedDict
 
-from cobra.messages import Request, RobotState
+from cobra.messages import Cell, Request, RobotState
 
 
 class FoundState(TypedDict):
@@ -53,6 +53,18 @@ def commissioning_state(state: RobotState | None) -> CommissioningState:
             for c in state.cells
         ],
     )
+
+
+def cell_warnings(cells: tuple[Cell, ...]) -> list[str]:
+    """What is wrong with load cells, a line each trouble."""
+    who: dict[str, list[str]] = {}
+    for cell in cells:
+        if cell.trouble:
+            who.setdefault(cell.trouble, []).append(cell.tendon)
+    return [
+        f"load cell{'s' if len(names) > 1 else ''} of {', '.join(names) if len(names) <= 4 else f'{len(names)} tendons'}: {trouble}"
+        for trouble, names in who.items()
+    ]
 
 
 def commissioning_request(what: str, value: int | None, text: str) -> tuple[Request | None, str]:

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from app.console.commissioning_view import commissioning_request, commissioning_state
+from app.console.commissioning_view import cell_warnings, commissioning_request, commissioning_state
 from app.console.guides import guides
 from app.console.inputs import Controls, InputSource
 from app.console.mapping import FRAMES
@@ -355,4 +355,5 @@ def _tendons(state: RobotState | None) -> TendonsState:
     if known.compensation == "on" and known.deviation:
         sure = math.degrees(max(known.deviation))
         words += f": bends known to ±{sure:.0f}°, with numbers from {known.parameters}"
-    return TendonsState(compensation=known.compensation, words=words, warnings=list(known.warnings))
+    cells = cell_warnings(state.cells if state else ())
+    return TendonsState(compensation=known.compensation, words=words, warnings=[*known.warnings, *cells])

@@ -121,7 +121,7 @@ class LoadCells:
         if math.isinf(age):
             return "nothing was heard from it yet: check its power, cable and frame_id"
         if age > max(STALE_PERIODS / described.rate_Hz, STALE_S):
-            return f"silent for {age:.1f} s: check its cable and power"
+            return "silent: check its cable and power"
         if cell.saturated:
             return "at the end of its range: overloaded, or a wire is broken"
         noisy = described.noise_N > described.scale_N

@@ -71,7 +71,7 @@ def test_a_silent_cell_has_no_tension_rather_than_none(silent_s: float) -> None:
     amplifier.clock.advance(silent_s)
     tension, trouble = amplifier.s1_says()
     assert np.isnan(tension)
-    assert "silent for" in trouble
+    assert trouble.startswith("silent")
 
 
 @pytest.mark.parametrize(("reading", "limit_N"), [(1e9, None), (-1e9, None), (60.0, 50.0), (-50.0, 50.0)])
