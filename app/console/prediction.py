@@ -11,7 +11,7 @@ from app.console.meshes import Floats, single, sweep, sweep_faces, unit_circle
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Configuration
 from cobra.mechanics.chain import backbone_frames
-from cobra.mechanics.described import is_chain, parameters_of
+from cobra.mechanics.described import parameters_of
 from cobra.mechanics.inverse import BalanceError, inverse_statics
 from cobra.messages import RobotState
 
@@ -22,19 +22,15 @@ PIECES = 6
 
 
 class Prediction:
-    """Predicts one robot's shape. A robot that is no such chain has none: see `of`."""
+    """Predicts one robot's shape. Raises OperatorError for a robot that is no such chain (`is_chain`)."""
 
     def __init__(self, description: RobotDescription) -> None:
+        self._parameters = parameters_of(description)
         configuration = Configuration(description)
         length = configuration.lengths[0]
         assert length is not None
         self._bends, self._length = configuration.bends[0], length
-        self._parameters = parameters_of(description)
         self.count = self._parameters.segments * PIECES + 1
-
-    @classmethod
-    def of(cls, description: RobotDescription) -> "Prediction | None":
-        return cls(description) if is_chain(description) else None
 
     def frames(self, q: Floats, loads_N: dict[int, Floats]) -> Floats | None:
         """Along the backbone (count, 4, 4) at the measured q, with forces on guiders by index [N]; None when nothing holds it."""

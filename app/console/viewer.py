@@ -11,6 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from typing import TYPE_CHECKING
 
 import rich
 import viser
@@ -22,7 +23,6 @@ from app.console.meshes import Floats
 from app.console.motion_view import MotionView
 from app.console.panels import STALE_S, Panels, ViewTiming
 from app.console.plots import SAMPLE_S, History
-from app.console.prediction import PredictedView, Prediction
 from app.console.scene import EXTRA_PARTS, PARTS, BadStateError, Parts, Scene
 from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
@@ -32,7 +32,11 @@ from app.console.viser_backlog import join_at_once
 from cobra.clock import Clock, SystemClock
 from cobra.control.modes.stick_frame import StickFrame
 from cobra.description import RobotDescription
+from cobra.mechanics.described import is_chain
 from cobra.messages import Push, RobotState, Touch, Walls
+
+if TYPE_CHECKING:
+    from app.console.prediction import PredictedView
 
 log = logging.getLogger("cobra.viewer")
 HOST = "127.0.0.1"
@@ -133,7 +137,11 @@ class Viewer:
         self._motion.start()
         radius = self._description.backbone.diameter_m / 2.0
         self._twin = TwinView(self._server, self._description, radius)
-        if prediction := Prediction.of(self._description):
+        if is_chain(self._description):
+            # Its solvers take seconds to load on a busy machine: only for robots that have it.
+            from app.console.prediction import PredictedView, Prediction  # noqa: PLC0415
+
+            prediction = Prediction(self._description)
             self._predicted = PredictedView(self._server, prediction, SHEATH * self._scene.body.tube_radius_m)
         self._panels.start()
         self._server.on_client_connect(self._welcome)

@@ -7,6 +7,7 @@ import viser
 
 from app.console.prediction import Prediction
 from app.console.twin_view import REPEAT_S, TwinView
+from cobra.errors import OperatorError
 from cobra.kinematics.backbone import Backbone
 from cobra.kinematics.configuration import Configuration
 from cobra.loading import load_description
@@ -95,4 +96,5 @@ def test_gravity_across_and_a_known_load_bend_the_prediction_to_where_the_static
 
 
 def test_a_robot_without_equations_of_motion_has_no_prediction():
-    assert Prediction.of(load_description("cobra")) is None
+    with pytest.raises(OperatorError, match="no equations of motion"):
+        Prediction(load_description("cobra"))
