@@ -8,16 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import msgspec
-import numpy as np
 
 from app import runtime
 from app.bus_routes import rerouted, route_of
 from app.calibrations import calibrations
 from app.simulated_robot import is_simulated, simulated
 from cobra.clock import SystemClock
+from cobra.control.drivetrain import Drivetrain
 from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
 from cobra.description import Bus, RobotDescription
 from cobra.errors import OperatorError
+from cobra.kinematics.configuration import Configuration
 from cobra.kinematics.tendons import TendonMap
 from cobra.motors.bus import BusError, MotorBus
 from cobra.motors.calibration import Calibration, CalibrationBook, zeros
@@ -203,14 +204,12 @@ def home(where: Where, runs: int, leave: str) -> int:
     with _bench(description, cells) as (bench, bus):
         _run(bench, procedure)
         angle = bench.transmission.angle(bench.setpoint)
+        travel = Drivetrain(description, bus).travel_of(Configuration(description).home())
         if leave == "off":
             bus.disable()
         else:
             bus.hold()
     spread = dict(zip(description.tendon_names, procedure.spread_m.tolist(), strict=True)) if runs > 1 else {}
-    travel = np.zeros(len(description.drives))
-    if description.feed_drive is not None and description.feed is not None:
-        travel[description.feed_drive] = description.feed.start_m
     by_drive = {
         description.drives[d].name: spread[name]
         for name, d in zip(description.tendon_names, description.tendon_drives, strict=True)

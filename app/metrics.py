@@ -123,6 +123,10 @@ def _robot(families: _Families, robot: str, state: RobotState, description: Robo
     for channel in state.channels:
         gauge("bus_load_ratio", "Part of a CAN bus's bit rate in use.", channel.load, robot=robot, bus=channel.name)
         gauge("bus_trouble", "1 while a CAN bus is in trouble.", bool(channel.trouble), robot=robot, bus=channel.name)
+    for cell in state.cells:
+        labels = {"robot": robot, "tendon": cell.tendon}
+        gauge("load_cell_newtons", "Tension by a tendon's load cell; NaN while not believed.", cell.tension, **labels)
+        gauge("load_cell_trouble", "1 while a load cell cannot be believed.", bool(cell.trouble), **labels)
     if description is not None:
         _drives(families, robot, state, description)
 

@@ -18,7 +18,7 @@ from app.people.sessions import Sessions
 from app.people.users import Users
 from cobra.errors import OperatorError
 from cobra.loading import load_description
-from cobra.messages import RobotState, Timing
+from cobra.messages import Cell, RobotState, Timing
 from tests.app.test_watching import state_of
 from tests.page_fakes import FakeSession
 
@@ -65,9 +65,13 @@ def test_a_scrape_tells_what_the_state_says():
         timing=Timing(rate_Hz=100.0, period_p99=0.0104, late=1),
         drops={"old epoch": 4},
         bus={"late reply": 5},
+        cells=(Cell(tendon="S1", tension=math.nan, reading=0.0, age=9.0, trouble="silent"),),
     )
     seen = scraped(Robot(state))
     assert seen["tension_newtons", frozenset({"cobra", DESCRIPTION.tendon_names[3]})] == 12.5
+    # A dead cell is no tension at all, not one of nothing.
+    assert seen.get(("load_cell_newtons", frozenset({"cobra", "S1"}))) != 0.0
+    assert seen["load_cell_trouble", frozenset({"cobra", "S1"})] == 1
     assert seen["phase", frozenset({"cobra", "holding"})] == 1
     assert seen["loop_period_seconds", frozenset({"cobra", "0.99"})] == 0.0104
     assert seen["commands_dropped_total", frozenset({"cobra", "old epoch"})] == 4

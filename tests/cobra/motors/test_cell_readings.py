@@ -4,6 +4,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cobra.clock import ManualClock
@@ -164,3 +166,13 @@ def test_what_the_cells_send_is_part_of_the_bus_load() -> None:
         ),
     )
     assert "load cells" in channel_load(busy, d.buses[0]).complaint()
+
+
+@given(st.lists(st.binary(max_size=8), max_size=30))
+def test_whatever_arrives_is_either_a_tension_or_a_trouble_in_words(frames: list[bytes]) -> None:
+    amplifier = Amplifier()
+    for data in frames:
+        amplifier.take(data)
+        told = amplifier.cells.readings()
+        for i in (0, 1):
+            assert np.isfinite(told.tension[i]) != bool(told.trouble[i])
