@@ -374,6 +374,13 @@ class DriveCalibration(Message, frozen=True, kw_only=True):
     """Angle of the shaft at which the travel is zero, as homing found it; None before that."""
 
 
+class CellScale(Message, frozen=True, kw_only=True):
+    """A load cell's tension is `gain` (reading - offset_N) [N]."""
+
+    gain: float
+    offset_N: float
+
+
 class Calibration(Message, frozen=True, kw_only=True):
     """What the robot goes by now, beyond its description. Told whenever it changes."""
 
@@ -388,6 +395,14 @@ class Calibration(Message, frozen=True, kw_only=True):
     """Of the tendons, as in `cobra.mechanics.losses.Losses`."""
     deviation: dict[str, float | tuple[float, ...]] = {}
     """Standard deviation of each of them."""
+    version: int = 0
+    """Of the calibration that commissioning kept, where one is in use: `cobra-teleop motors calibrations` lists them."""
+    serial: str = ""
+    date: str = ""
+    by: str = ""
+    """When and by what it was made."""
+    cells: dict[str, CellScale] = {}
+    """Load cells by tendon."""
 
 
 class Walls(Message, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Configuration
 from cobra.messages import Commissioned, CommissioningReport, Reply, Request
 from cobra.motors.bus import HOME_AGAIN
-from cobra.motors.calibration import CalibrationBook, CalibrationError, zero_angles, zeros
+from cobra.motors.calibration import Calibration, CalibrationBook, CalibrationError, zero_angles, zeros
 from cobra.motors.cell_readings import LoadCells
 from cobra.motors.commissioning.bench import Bounded
 from cobra.motors.commissioning.cell_points import KnownForce, Tare
@@ -87,6 +87,11 @@ class Commissioning:
     def loosens(self) -> bool:
         """Whether the step that runs leaves tendons slack."""
         return isinstance(self._procedure, Tare)
+
+    @property
+    def kept(self) -> Calibration | None:
+        """The calibration in use; None before any."""
+        return self._book.newest
 
     def start(self) -> None:
         """Take the newest calibration into use."""

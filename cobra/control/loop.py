@@ -82,7 +82,7 @@ class RobotLoop:
         self._announce = guarded("announcing an event", announce, self._malformed)
         self._witness = Witness(guarded("telling a recorder", testify, self._malformed))
         self._calibrated = guarded("telling the calibration", calibrated, self._malformed)
-        self._calibration: tuple[bool, int, int] | None = None
+        self._calibration: tuple[bool, int, int, int] | None = None
         self.requests = Requests(self.authority, self._lose_driver, self._announce)
         self.requests.acts.update(
             arm=self._arm, home=self._home, disarm=self._disarm, clear=self._clear, quit=self._quit
@@ -565,10 +565,12 @@ class RobotLoop:
 
     def _tell_calibration(self, state: RobotState) -> None:
         """To whoever records, whenever another one is in force."""
-        now = (state.homed, self.drivetrain.transmission.references, self.tendons.takeovers)
+        kept = self.commissioning.kept
+        version = kept.version if kept else 0
+        now = (state.homed, self.drivetrain.transmission.references, self.tendons.takeovers, version)
         if now != self._calibration:
             self._calibration = now
-            self._calibrated(calibration_of(state.stamp, state.homed, self.drivetrain, self.tendons))
+            self._calibrated(calibration_of(state.stamp, state.homed, self.drivetrain, self.tendons, kept))
 
     def _tell_changes(self, state: RobotState) -> None:
         """An event for every change of phase or cause, once."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cobra.mechanics.losses import described, to_text
-from cobra.messages import Calibration, Request, decode, encode
+from cobra.messages import Calibration, CellScale, Request, decode, encode
+from cobra.motors.cell_readings import CellCalibration
 from tests.bench import Bench
 
 
@@ -49,3 +50,15 @@ def test_identified_losses_are_told_once_they_count():
         now = bench.calibrations[-1]
         assert (now.source, now.losses["hole_friction"]) == ("sweep of Monday", 0.123)
         assert np.shape(now.losses["backlash_m"]) == (12,)
+
+
+def test_what_commissioning_keeps_is_told_with_its_version():
+    with Bench(seed=3, twin="ideal") as bench:
+        bench.tick()
+        assert bench.calibrations[-1].version == 0
+        bench.loop.commissioning._book.keep("known force on E1", cells={"E1": CellCalibration(offset_N=0.4, gain=1.05)})
+        bench.tick()
+        now = bench.calibrations[-1]
+        assert (now.version, now.by) == (1, "known force on E1")
+        assert now.date
+        assert now.cells == {"E1": CellScale(gain=1.05, offset_N=0.4)}
