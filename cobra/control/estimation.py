@@ -57,6 +57,7 @@ class Estimator:
         """(c,) moments from outside."""
         sections = self._losses.bending_stiffness_Nm2[model.column_section] / model.lengths_m[model.column_section]
         self._most_Nm = OUTSIDE_SHARE * sections
+        self._squares = np.linalg.pinv(model.slopes) ** 2
 
     def refer(self, travel: Floats, load: Floats, measured: Floats) -> None:
         """This is the straight robot, homed: its bends are 0 from here."""
@@ -100,12 +101,11 @@ class Estimator:
     def _uncertainty(self, beyond: Floats, profile: Floats) -> Floats:
         """Of the bends: from stiffness and radius, which scale, and from friction and what the model does not explain."""
         losses, deviation, model = self._losses, self._deviation, self._model
-        inverse = np.linalg.pinv(model.slopes)
         scale = deviation.axial_stiffness_N / losses.axial_stiffness_N
         stretch = (profile[:, 0] - profile[:, 0].mean()) / model.stiffness_N_m
         rubbing = np.hypot(deviation.drive_friction_N, profile[:, 1] * deviation.conduit_capstan)
         lengths = np.stack([stretch * scale, np.hypot(rubbing, beyond) / model.stiffness_N_m, deviation.backlash_m / 2])
-        variance = (inverse**2) @ (lengths**2).sum(axis=0)
+        variance = self._squares @ (lengths**2).sum(axis=0)
         radius = deviation.radius_m / np.maximum(losses.radius_m, 1e-9)
         out: Floats = np.sqrt(variance + (model.bends * radius[model.column_section]) ** 2)
         return out

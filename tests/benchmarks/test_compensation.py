@@ -14,7 +14,7 @@ from cobra.messages import Intent, Request
 from cobra.simulation.drives import world_of
 from tests.bench import CHANNEL, Bench
 
-SECONDS = 20.0
+SECONDS = 15.0
 REVERSED_S = 1.0
 """A reversal's error is counted for so long after it."""
 
@@ -80,26 +80,28 @@ def rms(errors: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=-1))))
 
 
+LESS_ON_REVERSALS, LESS_AT_THE_TIP = 0.75, 0.70
+"""Of the RMS errors without compensation, with what the sweep found: reached by every seed tried."""
+
+
 @pytest.mark.benchmark
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_off_described_and_swept(seed: int) -> None:
     off = drive(seed, on=False)
     print(
-        f"\nseed {seed}, {SECONDS:.0f} s: {'bends':>17} {'on reversals':>14} {'tip':>10} {'believed':>12} {'tensions':>15}"
+        f"\nseed {seed}, {SECONDS:.0f} s, RMS: {'bends':>12} {'on reversals':>14} {'tip':>10} {'believed':>12} {'tensions':>14}"
     )
-    best = np.inf
-    for name, run in (
-        ("off", off),
-        ("described", drive(seed, on=True)),
-        ("swept", drive(seed, on=True, identified=swept(seed))),
-    ):
+    runs = {"off": off, "described": drive(seed, on=True), "swept": drive(seed, on=True, identified=swept(seed))}
+    for name, run in runs.items():
         bend, turn = np.degrees(rms(run["bend"])), np.degrees(rms(run["bend"][run["reversal"]]))
         tip, believed = 1e3 * rms(run["tip"]), np.degrees(rms(run["believed"]))
-        shares = [1.0 - rms(run["bend"][run["reversal"]]) / rms(off["bend"][off["reversal"]])]
-        shares.append(1.0 - rms(run["tip"]) / rms(off["tip"]))
+        reversals = 1.0 - rms(run["bend"][run["reversal"]]) / rms(off["bend"][off["reversal"]])
+        tips = 1.0 - rms(run["tip"]) / rms(off["tip"])
         print(
-            f"  {name:>10} {bend:12.1f} deg {turn:10.1f} deg {tip:7.1f} mm {believed:8.1f} deg "
-            f"{run['tension'].min():6.1f}..{run['tension'].max():.1f} N   less: {shares[0]:.0%} on reversals, {shares[1]:.0%} tip"
+            f"  {name:>10} {bend:14.1f} deg {turn:10.1f} deg {tip:7.1f} mm {believed:8.1f} deg "
+            f"{run['tension'].min():6.1f}..{run['tension'].max():.1f} N   less: {reversals:.0%} on reversals, {tips:.0%} tip"
         )
-        best = min(best, bend)
-    assert best < np.degrees(rms(off["bend"]))
+    # The last is the one with the sweep's parameters.
+    assert reversals > LESS_ON_REVERSALS
+    assert tips > LESS_AT_THE_TIP
