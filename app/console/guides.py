@@ -28,11 +28,12 @@ class Guide(NamedTuple):
     lines: tuple[Line, ...]
 
 
-ALWAYS = (
+_VIEW = Line("Back", "V", "next view that the sticks go by, while nobody drives")
+_ALWAYS = (
     Line("D-pad up/down", "− +", "speed: one level up, one level down"),
     Line("A (hold)", "C (hold)", "clutch: the sticks do nothing, until it is let go of and they are centred"),
     Line("Y", "M", "next mode, while nobody drives"),
-    Line("Back", "V", "next view that the sticks go by, while nobody drives"),
+    _VIEW,
     Line("B", "Esc", "STOP, at any time"),
     Line("Start", "", "arm"),
 )
@@ -63,7 +64,7 @@ def _guide(mode: ModeName, d: RobotDescription) -> Guide:
                 "Straighten",
                 f"Hold to drive: {straighten}. Letting go stops.",
                 *("", "", "", ""),
-                (_hold("straighten while it is held; letting go stops"), *ALWAYS),
+                (_hold("straighten while it is held; letting go stops"), *_always(d)),
             )
         case "pose":
             return Guide(
@@ -74,7 +75,7 @@ def _guide(mode: ModeName, d: RobotDescription) -> Guide:
                 (
                     _hold("go to the chosen pose while it is held; letting go stops"),
                     Line("D-pad left/right", "1 2 3 …", "choose the pose: the one before, the next"),
-                    *ALWAYS,
+                    *_always(d),
                 ),
             )
         case _:
@@ -110,7 +111,7 @@ def _section(d: RobotDescription) -> Guide:
         "bend" if len(active) > 1 else "",
         "feed" if d.feed else "length" if any(d.sections[i].elongation for i in active) else "",
         "twist" if d.twist else "",
-        (*lines, *ALWAYS),
+        (*lines, *_always(d)),
     )
 
 
@@ -132,7 +133,7 @@ def _tip(d: RobotDescription) -> Guide:
         "roll" if d.twist else "",
         "advance",
         "roll" if d.twist else "",
-        (*lines, *ALWAYS),
+        (*lines, *_always(d)),
     )
 
 
@@ -147,7 +148,7 @@ def _following(d: RobotDescription) -> Guide:
         "",
         "feed" if d.feed else "",
         "",
-        (*lines, *ALWAYS),
+        (*lines, *_always(d)),
     )
 
 
@@ -170,6 +171,11 @@ def _and(words: list[str]) -> str:
 
 def _feeding(d: RobotDescription, inwards: str, outwards: str) -> list[Line]:
     return [Line("Right trigger", "R", inwards), Line("Left trigger", "F", outwards)] if d.feed else []
+
+
+def _always(d: RobotDescription) -> tuple[Line, ...]:
+    """What acts in every mode: no view to choose where no stick points anywhere."""
+    return tuple(line for line in _ALWAYS if d.active_sections or line is not _VIEW)
 
 
 def _hold(does: str = "drive while it is held; letting go stops") -> Line:

@@ -146,8 +146,10 @@ export class Modes {
 
   #showHandFeed(fed) {
     if (!fed) return;
-    const waits = Math.abs(fed.told_mm - fed.used_mm) > BEYOND_MM ? `, told ${figure(fed.told_mm)} mm: hold to drive` : "";
-    setText(byId("hand-feed"), `Fed by hand: ${figure(fed.used_mm)} mm${waits}${SOURCES[fed.source]}`);
+    const waits = Math.abs(fed.told_mm - fed.used_mm) > BEYOND_MM;
+    const button = byId("hand-feed");
+    setText(button, `Fed by hand: ${figure(fed.used_mm)}${waits ? `, told ${figure(fed.told_mm)}` : ""} mm${SOURCES[fed.source]}`);
+    button.title = waits ? `Told ${figure(fed.told_mm)} mm: it is taken in while you hold to drive` : "";
   }
 
   /** A button that opens its dialog; confirmed, it asks for `what` with the text of `input`. */

@@ -574,7 +574,7 @@ def test_the_length_fed_by_hand_is_typed_in_and_waits_for_the_dead_man(page: Any
     page.reload()
     choose(session, "section", hand_feed={"told_mm": 250.0, "used_mm": 300.0, "source": "number"})
     button = page.get_by_test_id("hand-feed")
-    expect(button).to_have_text("Fed by hand: 300 mm, told 250 mm: hold to drive")
+    expect(button).to_have_text("Fed by hand: 300, told 250 mm")
     button.click()
     page.get_by_test_id("hand-feed-length").fill("240,5")
     page.get_by_test_id("hand-feed-confirm").click()
