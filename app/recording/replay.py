@@ -1,6 +1,7 @@
 """`cobra-teleop replay`: recordings in the 3D scene, with a time line. A web server and files; nothing that could drive."""
 
 import asyncio
+import contextlib
 import logging
 import math
 import os
@@ -26,6 +27,7 @@ from app.console.static_folder import static_folder
 from app.console.viewer_proxy import ViewerProxy
 from app.console.web_server import WebServer
 from app.recording.container import RecordingError
+from app.recording.glance import glance
 from app.recording.player import SPEEDS, Player
 from app.recording.reader import Recording
 from app.recording.replay_view import ReplayViewer, tip_finder
@@ -148,6 +150,13 @@ def replay(files: Sequence[Path], port: int, open_page: bool) -> int:
     quit_ = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: quit_.set())
+    for file in files:
+        with contextlib.suppress(OSError):  # told when it is opened
+            facts, digest = glance(file)
+            if facts and digest is None:
+                print(
+                    f"{file.name} was not closed: it is read through first (a quarter of a minute an hour)", flush=True
+                )
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(file)) for file in files]
         for warning in (warning for recording in recordings for warning in recording.warnings):
