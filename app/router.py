@@ -106,6 +106,8 @@ def access_rules(accounts: Sequence[Account]) -> dict[str, Any]:
         _allow("drive", ("ingress",), ("put",), ["cobra/*/command", "cobra/*/push"]),
         # A publisher sends only what it was told that somebody listens to.
         _allow("know the robot listens", ("egress",), ("declare_subscriber",), ["cobra/*/command", "cobra/*/stop"]),
+        # Who watches listens to all robots at once.
+        _allow("know who watches", ("egress",), ("declare_subscriber",), [f"cobra/*/{name}" for name in SEEN]),
         _allow("be a console", ("ingress",), ("liveliness_token",), ["cobra/*/console/*"]),
         _allow("request", ("ingress",), ("query",), ["cobra/*/request"]),
         _allow("be answered", ("egress",), ("reply",), ["cobra/*/request"]),
@@ -115,7 +117,9 @@ def access_rules(accounts: Sequence[Account]) -> dict[str, Any]:
     subjects, policies = [], []
     for account in accounts:
         subjects.append({"id": account.name, "usernames": [account.name]})
-        allowed = {"viewer": watching, "driver": driving, "robot": [f"be {account.name}"]}[account.role]
+        allowed = {"viewer": watching, "driver": driving, "robot": [f"be {account.name}", "know who watches"]}[
+            account.role
+        ]
         policies.append({"subjects": [account.name], "rules": allowed})
         if account.role == "robot":
             rules.append(_allow(f"be {account.name}", BOTH_WAYS, EVERYTHING, [f"cobra/{account.name}/**"]))

@@ -1,10 +1,9 @@
 """Many robots behind a router, and consoles that watch them all, each in a process of its own: for the benchmark.
 
-    python -m tests.fleet robots ENDPOINT FOLDER COUNT RATE_HZ SECONDS
+    python -m tests.fleet robots ENDPOINT FOLDER COUNT RATE_HZ
     python -m tests.fleet watch ENDPOINT ACCOUNT COUNT
 
-The robots are sessions of their own with accounts of their own; what they publish is a robot's whole state. A watching
-process is what `cobra-teleop watch` hears with. It says `ready` when it has heard of all robots, begins to count at a line
+Each robot has a link and an account of its own, and publishes whole states until a line on stdin. A watching process is what `cobra-teleop watch` hears with. It says `ready` when it has heard of all robots, begins to count at a line
 on stdin, and at the next one says what it has: the newest tick of each robot, and how long the states were on their way.
 """
 
@@ -12,14 +11,17 @@ import json
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from app.link_access import LinkAccess, open_session
+from app.link import RobotLink
+from app.link_access import LinkAccess
+from app.runtime import any_free_port
 from app.watching.feeds import Feed, WatchedRobot
-from cobra.messages import encode
+from cobra.messages import Meta, encode
 from tests.app.console.scene_fakes import state_of
 
 GROUPS = 10
@@ -34,34 +36,35 @@ def names(count: int) -> list[str]:
     return [f"robot{i:03d}" for i in range(count)]
 
 
-def _robots(endpoint: str, folder: Path, count: int, rate_Hz: float, seconds: float) -> None:
-    sessions = [
-        open_session("client", connect=(endpoint,), access=LinkAccess(account=folder / f"{name}.account"))
-        for name in names(count)
-    ]
-    alive = [
-        session.liveliness().declare_token(f"cobra/{name}/alive")
-        for session, name in zip(sessions, names(count), strict=True)
-    ]
-    states = [
-        session.declare_publisher(f"cobra/{name}/state") for session, name in zip(sessions, names(count), strict=True)
-    ]
+def _robots(endpoint: str, folder: Path, count: int, rate_Hz: float) -> None:
+    meta = Meta(description="", versions={}, pid=1)
+
+    def link(name: str) -> RobotLink:
+        own = f"tcp/127.0.0.1:{any_free_port()}"
+        made = RobotLink(name, own, meta, router=endpoint, access=LinkAccess(account=folder / f"{name}.account"))
+        made.start(lambda data: None, lambda data: None, lambda data, answer: None)
+        return made
+
+    # Connecting takes half a second each.
+    with ThreadPoolExecutor(25) as workers:
+        links = list(workers.map(link, names(count)))
     models = [msgspec.structs.replace(state_of(t=i), robot=name) for i, name in enumerate(names(count))]
     print("ready", flush=True)
-    ticks, deadline = round(seconds * rate_Hz), time.monotonic()
-    for tick in range(1, ticks + 1):
+    over = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
+    tick, deadline = 0, time.monotonic()
+    while not over.is_set():
+        tick += 1
         for group in range(GROUPS):
             deadline += 1.0 / (rate_Hz * GROUPS)
             time.sleep(max(0.0, deadline - time.monotonic()))
             for i in range(group, count, GROUPS):
-                state = msgspec.structs.replace(models[i], tick=tick, stamp=time.monotonic())
-                states[i].put(encode(state))
-    print(json.dumps({"late_s": time.monotonic() - deadline, "bytes": len(encode(models[0]))}), flush=True)
+                links[i].publish_state(msgspec.structs.replace(models[i], tick=tick, stamp=time.monotonic()))
+    report = {"last": tick, "late_s": time.monotonic() - deadline, "bytes": len(encode(models[0]))}
+    print(json.dumps(report), flush=True)
     sys.stdin.readline()
-    for token in alive:
-        token.undeclare()
-    for session in sessions:
-        session.close()  # type: ignore[no-untyped-call]
+    for link in links:
+        link.stop()
 
 
 def _watch(endpoint: str, account: Path, count: int) -> None:
@@ -104,6 +107,6 @@ def _watch(endpoint: str, account: Path, count: int) -> None:
 if __name__ == "__main__":
     role, endpoint, *rest = sys.argv[1:]
     if role == "robots":
-        _robots(endpoint, Path(rest[0]), int(rest[1]), float(rest[2]), float(rest[3]))
+        _robots(endpoint, Path(rest[0]), int(rest[1]), float(rest[2]))
     else:
         _watch(endpoint, Path(rest[0]), int(rest[1]))

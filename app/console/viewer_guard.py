@@ -6,6 +6,7 @@ viser has no hook for that, so its `serve` is replaced while it is being constru
 import http
 import inspect
 import secrets
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from app.console.viewer_proxy import SECRET_HEADER
+from app.console.viewer_proxy import BUFFER_BYTES, SECRET_HEADER
 
 _one_at_a_time = threading.Lock()
 
@@ -27,6 +28,9 @@ def guarded(secret: str) -> Iterator[None]:
 
     def serve(*arguments: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
         async def judge(connection: ServerConnection, request: Request) -> Response | None:
+            # The kernel would keep megabytes for a slow viewer, who would see them many seconds late.
+            channel = connection.transport.get_extra_info("socket")
+            channel.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
             shown = request.headers.get(SECRET_HEADER, "")
             if not secrets.compare_digest(shown.encode(), secret.encode()):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "Come through the front door.\n")

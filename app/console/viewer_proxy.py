@@ -67,8 +67,8 @@ FRAMED_BY = {
 """Only the operator's page may show the view inside itself, under whichever of loopback's names it was opened."""
 MAX_FRAME_BYTES = 50 * 1024 * 1024
 """viser's own limit."""
-RECEIVE_BUFFER_BYTES = 64 * 1024
-"""Small, so that what a slow viewer has not taken yet stays in viser, where newer replaces older."""
+BUFFER_BYTES = 16 * 1024
+"""Between viser and here. Small, so that what a slow viewer has not taken yet stays in viser, where newer replaces older."""
 CLOSE_TIMEOUT_S = 0.2
 SECRET_HEADER = "x-cobra-secret"
 """What viser wants to see of whoever connects: other users of this machine do not know it."""
@@ -80,7 +80,7 @@ VIEWS = ("", THIN, TIP, f"{THIN}/{TIP}")
 SESSION_CHECK_S = 1.0
 STUCK_S = 10.0
 """A viewer that takes nothing for this long is cut off; one that lives connects again by itself."""
-SLOWEST_B_S = 5e3
+SLOWEST_B_S = 20e3
 """It has longer for what is large: a link that carries less than this shows nothing anyway."""
 WATCH_S = 3.0
 BLOCKED_SHARE = 0.5
@@ -252,7 +252,7 @@ class _Watch:
 async def _open(port: int, subprotocols: list[str], headers: dict[str, str]) -> ClientConnection:
     channel = socket.socket()
     channel.setblocking(False)
-    channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     try:
         await asyncio.get_running_loop().sock_connect(channel, ("127.0.0.1", port))
         return await connect(
@@ -262,7 +262,7 @@ async def _open(port: int, subprotocols: list[str], headers: dict[str, str]) -> 
             additional_headers=headers,
             compression=None,
             max_size=MAX_FRAME_BYTES,
-            max_queue=2,
+            max_queue=1,
             close_timeout=CLOSE_TIMEOUT_S,
         )
     except BaseException:

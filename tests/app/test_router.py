@@ -16,6 +16,7 @@ from app.link import ConsoleLink, RobotLink, key
 from app.link_access import LinkAccess, LinkError, open_session
 from app.router import add_account, load_accounts, routing
 from app.runtime import any_free_port
+from app.watching.feeds import Feed, WatchedRobot
 from cobra.messages import Command, Drives, Event, Meta, Reply, Request, RobotState, Stop
 from tests.stack import wait_for
 
@@ -183,3 +184,22 @@ def test_a_router_without_accounts_or_certificate_says_what_is_missing(tmp_path)
         routing(("tls/127.0.0.1:0",), load_accounts(tmp_path / "a.json")),
     ):
         pass
+
+
+def test_a_wall_hears_all_robots_through_the_router(net: Net) -> None:
+    robots: dict[str, WatchedRobot] = {}
+    feed = Feed(net.endpoint, robots, net.access["wall"])
+    feed.start()
+
+    def heard() -> bool:
+        net.robot.publish_state(STATE)
+        return "arm" in robots and robots["arm"].present and robots["arm"].latest() == STATE
+
+    try:
+        wait_for("the robot's state", heard)
+        net.robot.publish_event(Event(stamp=1.0, level="alarm", text="slack"))
+        wait_for("its event", lambda: [event.text for event in robots["arm"].events] == ["slack"])
+        robots["arm"].stop("wall", "pressed")
+        wait_for("the stop", lambda: net.got["stop"] == 1)
+    finally:
+        feed.stop()
