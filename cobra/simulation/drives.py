@@ -117,7 +117,8 @@ class SimulatedBus(can.BusABC):
             can.CanInitializationError: no such robot, bus, twin, stepping or timing, or the channel is another robot's.
         """
         self.channel_info = f"simulated drives of {channel}"
-        self._queue: SimpleQueue[can.Message] = SimpleQueue()
+        self._queue: SimpleQueue[can.Message | None] = SimpleQueue()
+        self._waits = False
         self.lost = 0
         """Frames lost because nobody read them."""
         self._robot, _, wanted = channel.partition("#")
@@ -164,20 +165,29 @@ class SimulatedBus(can.BusABC):
         clock = self.world.clock
         deadline = math.inf if timeout is None else clock.now() + timeout
         while True:
+            self._waits = not self._inline
             self._wire.settle()
             now = clock.now()
             wake = min(deadline, self._wire.next_s, now + (CHUNK_S if self._inline else POLL_S))
             try:
-                if self._inline or wake <= now:
-                    return self._queue.get_nowait()
-                return self._queue.get(timeout=wake - now)
+                frame = self._queue.get_nowait() if self._inline or wake <= now else self._queue.get(timeout=wake - now)
+                if frame is not None:
+                    return frame
             except Empty:
                 if now >= deadline:
                     return None
+            finally:
+                self._waits = False
             if self._inline:
                 clock.sleep_until(wake)
                 self._advance()
             self._check()
+
+    def nudge(self) -> None:
+        """A frame is on its way that whoever waits here does not know of; called by the wire."""
+        if self._waits:
+            self._waits = False
+            self._queue.put(None)
 
     def receive(self, frame: can.Message) -> None:
         """Take a frame that another node sent; called by the wire."""

@@ -33,6 +33,9 @@ class Adapter(Protocol):
 
     def receive(self, frame: can.Message) -> None: ...
 
+    def nudge(self) -> None:
+        """A frame is on its way now: look again when the next one will be through."""
+
 
 @dataclass(slots=True)
 class WireFaults:
@@ -150,6 +153,8 @@ class Wire:
 
     def _wait(self, key: int | str, waiting: _Waiting) -> None:
         self._queues.setdefault(key, deque()).append(waiting)
+        for adapter in self.adapters:
+            adapter.nudge()
 
     def _key(self, waiting: _Waiting) -> int | str:
         return waiting.sender if isinstance(waiting.sender, str) else id(waiting.sender)

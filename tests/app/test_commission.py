@@ -1,10 +1,13 @@
 """`cobra-teleop motors …` against drives in another process, behind python-can's own slcan driver; and what it refuses."""
 
+import contextlib
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import can
 import pytest
 
 from app import runtime
@@ -51,6 +54,42 @@ def test_a_bare_adapter_tells_who_is_there_and_moves_the_one_that_is_meant(
     assert status == 2
     assert "no motor answers to address 17" in err
     assert "there answers 1, 2, 3" in err
+
+
+@contextlib.contextmanager
+def virtual_adapter(name: str) -> Iterator[None]:
+    """Simulated drives behind python-can's own virtual interface: whatever is sent on either side is passed to the other."""
+    done = threading.Event()
+    with (
+        can.Bus(interface="cobra-sim", channel="cobra", twin="none") as drives,
+        can.Bus(interface="virtual", channel=name) as adapter,
+    ):
+
+        def forward(source: can.BusABC, sink: can.BusABC) -> None:
+            while not done.is_set():
+                if (frame := source.recv(0.05)) is not None:
+                    sink.send(frame)
+
+        threads = [threading.Thread(target=forward, args=ends) for ends in ((drives, adapter), (adapter, drives))]
+        for thread in threads:
+            thread.start()
+        yield
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+def test_any_interface_of_python_can_will_do(capsys: pytest.CaptureFixture[str]) -> None:
+    with virtual_adapter("commission"):
+        adapter = ("--interface", "virtual", "--channel", "commission")
+        status, out, _ = teleop(capsys, "motors", "scan", *adapter)
+        assert (status, len(out.splitlines())) == (0, 15)
+        for _ in range(4):  # a busy machine that stalls ends it, as it must
+            status, out, err = teleop(capsys, "motors", "identify", "2", *adapter)
+            if status == 0:
+                break
+        assert status == 0, err
+        assert "degrees by its own encoder" in out
 
 
 def test_a_described_robot_is_compared_with_who_answers(

@@ -19,6 +19,8 @@ SETTLE_TICKS: Final = 8
 """Read before anything moves: v3 drives tell their angle only every few ticks."""
 BARE_SPEED_RAD_S: Final = {"rmd-v1": 6.0, "rmd-v3": 2.0, "cia402": 2.0}
 """v1 speaks of the motor's shaft."""
+BARE_RATE_Hz: Final = 50.0
+"""Enough for one motor that moves gently, through any adapter."""
 BARE_CURRENT_A: Final = {"rmd-v1": 33.0 / 2048.0, "rmd-v3": 0.01, "cia402": 0.005}
 """Of a count: the protocols' usual ones."""
 
@@ -132,5 +134,5 @@ def bare(found: FoundDrive, bus: Bus) -> RobotDescription:
         motors=(motor,),
         drives=(drive,),
         buses=(bus,),
-        teleop=Teleop(bend_rate_deg_s=1.0, bend_acceleration_deg_s2=1.0),
+        teleop=Teleop(bend_rate_deg_s=1.0, bend_acceleration_deg_s2=1.0, loop_rate_Hz=BARE_RATE_Hz),
     )

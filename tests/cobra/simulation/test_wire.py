@@ -30,9 +30,13 @@ class Echo:
 class Ear:
     def __init__(self) -> None:
         self.frames: list[can.Message] = []
+        self.nudged = 0
 
     def receive(self, frame: can.Message) -> None:
         self.frames.append(frame)
+
+    def nudge(self) -> None:
+        self.nudged += 1
 
 
 def wire(timing: str = "bit-true", n: int = 3, latency_s: float = 0.0) -> tuple[Wire, ManualClock, Ear, list[Echo]]:
@@ -127,3 +131,15 @@ def test_bus_off_is_told_to_who_sends_and_nothing_passes() -> None:
     w.settle()
     assert [frame.is_error_frame for frame in ear.frames] == [True]
     assert drives[0].heard == []
+
+
+@pytest.mark.parametrize("timing", ["instant", "bit-true"])
+def test_who_waits_for_a_frame_is_told_when_a_later_one_is_on_its_way(timing: str) -> None:
+    """Else it would sleep through a reply that takes a while, and a robot take the bus for a silent one."""
+    made, clock, ear, _ = wire(timing, latency_s=0.005)
+    ear.nudged = 0
+    made.send(ear, ask(1))
+    clock.advance(0.002)
+    made.settle()
+    assert ear.nudged > 0
+    assert made.next_s > clock.now()
