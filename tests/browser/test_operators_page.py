@@ -11,10 +11,13 @@ import pytest
 import viser
 
 from app.console.front_door import FrontDoor
+from app.console.guides import guides
 from app.console.inputs import Controls
 from app.console.mapping import DEAD_MAN, SHIFT
+from app.console.motion_state import guide_state
 from app.console.pad_profile import PadProfiles
 from app.console.pad_routes import pad_routes
+from cobra.loading import load_description
 from tests.page_fakes import FakeSession
 
 expect = pytest.importorskip("playwright.sync_api").expect
@@ -567,6 +570,47 @@ def test_poses_are_chosen_saved_and_deleted(page: Any, session: FakeSession) -> 
     asked = list(zip(session.requests, session.texts, strict=True))
     assert asked == [("pose", "inspect"), ("save_pose", "blade 3"), ("delete_pose", "inspect")]
     assert not any(DEAD_MAN in controls.buttons for _, _, controls in session.received)
+
+
+@pytest.mark.parametrize(
+    ("robot", "missing"),
+    [
+        ("cobra", set()),
+        ("cobra-active", {"twist", "twist-left", "twist-right", "feed"}),
+        ("cobra-twist-feed", {"stick-left", "stick-right", "section-1"}),
+        ("src-bot", {"twist", "twist-left", "twist-right", "feed", "stick-right", "section-1"}),
+    ],
+)
+def test_what_a_robot_does_not_have_has_no_control_and_no_bar(
+    page: Any, session: FakeSession, robot: str, missing: set[str]
+) -> None:
+    description = load_description(robot)
+    parts = (
+        "twist",
+        "feed",
+        "twist-left",
+        "twist-right",
+        "feed-in",
+        "feed-out",
+        "stick-left",
+        "stick-right",
+        "section-1",
+    )
+    session.facts = {
+        "modes": [guide_state(guide) for guide in guides(description)],
+        "bending": list(description.active_sections),
+        "hand_fed": description.hand_fed,
+        "limits": {
+            "twist_deg": description.twist and description.twist.range_deg,
+            "feed_mm": description.feed and (0.0, 1000.0),
+            "length_mm": None,
+        },
+    }
+    page.reload()
+    expect(page.get_by_test_id("state")).to_have_text("Ready")
+    for part in parts:
+        expect(page.get_by_test_id(part)).to_be_visible(visible=part not in missing)
+    expect(page.locator("#feed-value")).to_be_visible(visible=bool(description.feed or description.hand_fed))
 
 
 def test_the_length_fed_by_hand_is_typed_in_and_waits_for_the_dead_man(page: Any, session: FakeSession) -> None:
