@@ -8,6 +8,8 @@ import time
 from typing import Self
 
 CHUNK = 2048
+CREDIT_S = 0.1
+"""What a sleep that lasted too long is made up for: a busy machine is no slower line."""
 BUFFER_BYTES = 16 * 1024
 """What waits inside the line, in each connection and direction: as much as a router keeps."""
 
@@ -64,8 +66,8 @@ class SlowLink:
             while data := await reader.read(CHUNK):
                 if slowly:
                     now = time.monotonic()
-                    self._free_at = max(self._free_at, now) + len(data) / self.rate
-                    await asyncio.sleep(self._free_at - now)
+                    self._free_at = max(self._free_at, now - CREDIT_S) + len(data) / self.rate
+                    await asyncio.sleep(max(0.0, self._free_at - now))
                     self.passed += len(data)
                 writer.write(data)
                 await writer.drain()

@@ -1,5 +1,6 @@
 """Stands before everything that the front door serves: the right host name, our own pages only, and a session."""
 
+import asyncio
 import contextlib
 import re
 from collections import Counter
@@ -20,8 +21,8 @@ VISITOR = "visitor"
 """Where in an ASGI scope the `Visitor` is found behind this door."""
 PRESENT = "present"
 """And a function that gives the visitor as of now: with another role by then, or None when the session is over."""
-CUT = "cut"
-"""And one that ends the connection without a farewell, for who does not read it."""
+TRANSPORT = "transport"
+"""And one that gives the connection itself, for who has to end it without a farewell, or to keep little waiting in it."""
 Address = tuple[str, int]
 PUBLIC = frozenset(
     {
@@ -84,9 +85,9 @@ class Doorkeeper:
         sessions: Sessions,
         cookie: Cookie,
         refused: Counter[str],
-        cut: Callable[[Address], None],
+        transport: Callable[[Address], asyncio.Transport | None],
     ) -> None:
-        self._cut = cut
+        self._transport = transport
         self._app = app
         self._names = names
         self._sessions = sessions
@@ -112,7 +113,7 @@ class Doorkeeper:
         session = visitor.session if visitor else ""
         scope[VISITOR] = visitor
         scope[PRESENT] = lambda: self._sessions.find(session)
-        scope[CUT] = partial(self._cut, scope["client"])
+        scope[TRANSPORT] = partial(self._transport, scope["client"])
         await self._app(scope, receive, hardened(send, hand_out))
 
     async def _refuse(self, why: str, status: int, scope: Scope, receive: Receive, send: Send) -> None:

@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
-from app.console.doorkeeper import CUT, PRESENT, VISITOR, view_path
+from app.console.doorkeeper import PRESENT, TRANSPORT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
@@ -229,7 +229,8 @@ class PageSocket:
                     await websocket.send_text(page.news(self._snapshots))
             except TimeoutError:
                 self.counts["page does not read: cut off"] += 1
-                websocket.scope[CUT]()
+                if connection := websocket.scope[TRANSPORT]():
+                    connection.abort()
                 raise WebSocketDisconnect(1008) from None
             except RuntimeError:
                 # The page was closed from this side while its next snapshot was due.

@@ -37,7 +37,7 @@ def guarded(secret: str) -> Iterator[None]:
             answer = process_request(connection, request) if process_request else None
             return await answer if inspect.isawaitable(answer) else answer
 
-        return usual(*arguments, process_request=judge, **options)
+        return usual(*arguments, process_request=judge, write_limit=BUFFER_BYTES // 2, **options)
 
     with _one_at_a_time:
         websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]

@@ -20,7 +20,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
-from app.console.doorkeeper import CUT, PRESENT, VISITOR
+from app.console.doorkeeper import PRESENT, TRANSPORT, VISITOR
 from app.people.roles import Role, at_least
 from app.people.sessions import Visitor
 
@@ -195,6 +195,8 @@ class ViewerProxy:
 
     async def _downwards(self, websocket: WebSocket, viser: ClientConnection, pages: list[str]) -> None:
         watch = _Watch()
+        if connection := websocket.scope[TRANSPORT]():
+            connection.set_write_buffer_limits(BUFFER_BYTES)
         try:
             while True:
                 frame = await viser.recv()
@@ -208,7 +210,8 @@ class ViewerProxy:
                     self._tell(pages, watch.full)
         except TimeoutError:
             self.counts["viewer does not read: cut off"] += 1
-            websocket.scope[CUT]()
+            if connection := websocket.scope[TRANSPORT]():
+                connection.abort()
             raise WebSocketDisconnect(1008) from None
         except ConnectionClosed as closed:
             code = closed.rcvd.code if closed.rcvd else 1001

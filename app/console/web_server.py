@@ -26,7 +26,7 @@ from app.people.sessions import Sessions
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 WILDCARDS = ("0.0.0.0", "::")
-SEND_BUFFER_BYTES = 64 * 1024
+SEND_BUFFER_BYTES = 32 * 1024
 """Of each connection. A bigger one only lets a slow viewer see older pictures."""
 GRACE_S = 0.5
 """Connections that did not close by themselves after this long are cut."""
@@ -102,7 +102,7 @@ class WebServer:
             sessions=self.sessions,
             cookie=cookie,
             refused=self.refused,
-            cut=self._cut,
+            transport=self._transport,
         )
         config = uvicorn.Config(
             Starlette(routes=[*self.signing.routes(), *routes], middleware=[guard]),
@@ -137,13 +137,14 @@ class WebServer:
     ) -> None:
         self.stop()
 
-    def _cut(self, browser: Address) -> None:
-        """End a browser's connection at once; what is left for it is thrown away."""
+    def _transport(self, browser: Address) -> asyncio.Transport | None:
+        """The connection of a browser."""
         assert self._server is not None
         for connection in list(self._server.server_state.connections):
-            transport = connection.transport
+            transport: asyncio.Transport = connection.transport
             if transport.get_extra_info("peername", ())[:2] == tuple(browser):
-                transport.abort()
+                return transport
+        return None
 
     async def _serve(self, server: uvicorn.Server, listener: socket.socket) -> None:
         serving = asyncio.create_task(server.serve([listener]))
