@@ -61,7 +61,7 @@ class TendonControl:
         self._estimator = Estimator(self.description, self.model, identified)
         self._compensation = Compensation(self.model)
         self._keeper = TensionKeeper(self.description, self.model)
-        self._health = TendonHealth(self.description, self.model)
+        self._health = TendonHealth(self.description, self.model, identified)
         self._last_q = self.model.tendons.rest
         self.estimate = None
         self._referred = False

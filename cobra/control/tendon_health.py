@@ -3,8 +3,8 @@
 A healthy tendon loses tension only as its own drive pays out or the robot moves, and the robot moves all tendons of a
 section in model. So each tendon's tension is compared with what the model expects, less what the other tendons show to
 be wrong in common. Losses at once are faults: all of it, broken; a part of it, slipped. A tendon that stays slack though
-it is wound in is broken too. A jammed one answers its drive with its own stiffness alone, far beyond what friction and
-play can explain, as if the robot behind it stood still.
+it is wound in is broken too. A jammed one answers its drive with its own stiffness alone, beyond what the model of the
+tendons foretells, as if the robot behind it stood still.
 """
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from cobra.control.estimation import TendonEstimate
 from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
+from cobra.mechanics.losses import Identified
 from cobra.mechanics.rubbing import Rubbing
 
 LOOK_BACK_TICKS = 12
@@ -23,26 +24,25 @@ SLACK_SHARE = 0.5
 """Of the minimum: a tendon with less carries nothing."""
 CONFIRM_S = 0.08
 SLACK_S = 0.3
-JAM_SHARE = 0.75
-"""Of its own stiffness: a tendon that answers so stiffly, for longer than the lost motion, moves nothing."""
-JAM_MARGIN = 2.0
-"""Times the lost motion that friction and play explain."""
+JAM_WINDOW_TICKS = 40
+JAM_SHARE = 0.6
+"""Of its own stiffness: a tendon that answers its drive so much more stiffly than the model foretells moves nothing."""
 JAM_LEAST_M = 4e-4
-JAM_EXCESS_N = 3.0
+JAM_BEYOND_N = 1.4
+"""Beyond what is foretold, for a model that is exact, and"""
+JAM_UNSURE_N = 2.5
+"""times the share by which the tendons' stiffness is unsure: the description's numbers foretell less well than a sweep's."""
+JAM_CONFIRM_S = 0.05
 
 
 class TendonHealth:
     """Watches the m tendons of one robot. `faults` stay until `reset`."""
 
-    def __init__(self, description: RobotDescription, model: Rubbing) -> None:
+    def __init__(self, description: RobotDescription, model: Rubbing, identified: Identified) -> None:
         self._names = description.tendon_names
-        self._model = model
         self._stiffness = model.stiffness_N_m
-        # Motors cannot tell which of two antagonists is stuck: either holds the section.
-        slopes = model.slopes
-        alike = slopes @ slopes.T / np.linalg.norm(slopes, axis=1)
-        alike[model.section_of[:, None] != model.section_of[None, :]] = np.inf
-        self._antagonist = np.argmin(alike, axis=1)
+        unsure = identified.deviation.axial_stiffness_N / identified.losses.axial_stiffness_N
+        self._jam_N = JAM_BEYOND_N + JAM_UNSURE_N * unsure
         self._low = description.tendon.min_tension_N if description.tendon else 0.0
         self.reset()
 
@@ -54,10 +54,7 @@ class TendonHealth:
         self._lost_s = np.zeros(m)
         self._slack_s = np.zeros(m)
         self._before = np.zeros(m)
-        self._turn_x = np.full(m, np.nan)
-        self._turn_T = np.zeros(m)
-        self._turn_expected = np.zeros(m)
-        self._direction = np.zeros(m)
+        self._beyond: list[tuple[Floats, Floats]] = []
         self._jam_s = np.zeros(m)
 
     def observe(self, estimate: TendonEstimate, travel_m: Floats, dt_s: float) -> None:
@@ -88,32 +85,21 @@ class TendonHealth:
         self._slack_s = np.where(empty, self._slack_s + dt_s, 0.0)
         for i in np.flatnonzero(self._slack_s > SLACK_S):
             self._name(int(i), "stays slack though it is wound in: is it broken or off its spool?")
-        self._look_for_jams(tension, expected_N, travel_m, dt_s)
+        self._look_for_jams(tension - expected_N, travel_m, dt_s)
 
-    def _look_for_jams(self, tension: Floats, expected_N: Floats, travel_m: Floats, dt_s: float) -> None:
-        if np.isnan(self._turn_x[0]):
-            self._turn_x, self._turn_T, self._turn_expected = travel_m.copy(), tension.copy(), expected_N.copy()
-        moved = travel_m - self._turn_x
-        # A reversal starts anew: where it went farthest.
-        turned = (np.sign(moved) != self._direction) & (np.abs(moved) > 1e-4)
-        self._direction = np.where(turned, np.sign(moved), self._direction)
-        losses = self._model.losses
-        cone = 2.0 * np.sinh(losses.conduit_capstan)
-        lost = losses.backlash_m + cone * np.maximum(tension, self._turn_T) / self._stiffness
-        far = np.abs(moved) > JAM_MARGIN * lost + JAM_LEAST_M
-        answer = -(tension - self._turn_T) / np.where(moved == 0.0, 1.0, moved)
-        excess = np.abs(tension - expected_N) > JAM_EXCESS_N
-        jammed = far & (answer > JAM_SHARE * self._stiffness) & excess
+    def _look_for_jams(self, beyond: Floats, travel_m: Floats, dt_s: float) -> None:
+        """`beyond` (m,) is the tension beyond what is foretold: it grows as the drive winds in against what is stuck."""
+        self._beyond = [*self._beyond, (beyond, travel_m)][-JAM_WINDOW_TICKS:]
+        before, travel_before = self._beyond[0]
+        moved = travel_m - travel_before
+        answer = -(beyond - before) / np.where(moved == 0.0, 1.0, moved)
+        stiff = (np.abs(moved) > JAM_LEAST_M) & (answer > JAM_SHARE * self._stiffness)
+        jammed = stiff & (np.abs(beyond) > self._jam_N)
         self._jam_s = np.where(jammed, self._jam_s + dt_s, 0.0)
-        if np.count_nonzero(jammed) <= 2:
-            for i in np.flatnonzero(self._jam_s > CONFIRM_S):
-                other = self._names[self._antagonist[i]]
-                self._name(int(i), f"(or its antagonist {other}) is jammed: the robot does not follow its drive")
-        # Follow the drive: the window's start trails behind.
-        trail = 3.0 * (JAM_MARGIN * lost + JAM_LEAST_M)
-        restart = turned | (np.abs(moved) > trail)
-        self._turn_x = np.where(restart, travel_m, self._turn_x)
-        self._turn_T = np.where(restart, tension, self._turn_T)
+        if np.any(self._jam_s > JAM_CONFIRM_S):
+            # Its neighbours feel it too, but less.
+            worst = int(np.argmax(np.where(jammed, np.abs(beyond), 0.0)))
+            self._name(worst, "is jammed: it does not follow its drive")
 
     def _name(self, index: int, words: str) -> None:
         if not any(f"tendon {self._names[index]} " in fault for fault in self.faults):
