@@ -188,7 +188,7 @@ export class Commissioning {
 
   #words(now, running) {
     if (running) return now.doing ? `${now.doing.charAt(0).toUpperCase()}${now.doing.slice(1)} …` : "Begins …";
-    if (now.outcome === "ended") return `${ENDED.ended} ${now.words.charAt(0).toUpperCase()}${now.words.slice(1)}.`;
+    if (now.outcome === "ended") return `${ENDED.ended} ${now.words.charAt(0).toUpperCase()}${now.words.slice(1).replace(/\.$/, "")}.`;
     const wrong = now.found.filter((found) => !found.ok).length;
     if (wrong) return `Done; ${wrong} of ${now.found.length} not as described.`;
     return now.found.length ? `${ENDED.done} All as it should be.` : "";
