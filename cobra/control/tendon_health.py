@@ -30,8 +30,10 @@ JAM_SHARE = 0.6
 JAM_LEAST_M = 4e-4
 JAM_BEYOND_N = 1.4
 """Beyond what is foretold, for a model that is exact, and"""
-JAM_UNSURE_N = 2.5
+JAM_UNSURE_N = 20.0
 """times the share by which the tendons' stiffness is unsure: the description's numbers foretell less well than a sweep's."""
+JAM_TAUT_SHARE = 0.15
+"""and this of its tension, because friction grows with it."""
 JAM_CONFIRM_S = 0.05
 
 
@@ -85,16 +87,16 @@ class TendonHealth:
         self._slack_s = np.where(empty, self._slack_s + dt_s, 0.0)
         for i in np.flatnonzero(self._slack_s > SLACK_S):
             self._name(int(i), "stays slack though it is wound in: is it broken or off its spool?")
-        self._look_for_jams(tension - expected_N, travel_m, dt_s)
+        self._look_for_jams(tension - expected_N, np.maximum(tension, expected_N), travel_m, dt_s)
 
-    def _look_for_jams(self, beyond: Floats, travel_m: Floats, dt_s: float) -> None:
-        """`beyond` (m,) is the tension beyond what is foretold: it grows as the drive winds in against what is stuck."""
+    def _look_for_jams(self, beyond: Floats, taut: Floats, travel_m: Floats, dt_s: float) -> None:
+        """`beyond` (m,) is what of the tension `taut` is not foretold: it grows as the drive winds in against what is stuck."""
         self._beyond = [*self._beyond, (beyond, travel_m)][-JAM_WINDOW_TICKS:]
         before, travel_before = self._beyond[0]
         moved = travel_m - travel_before
         answer = -(beyond - before) / np.where(moved == 0.0, 1.0, moved)
         stiff = (np.abs(moved) > JAM_LEAST_M) & (answer > JAM_SHARE * self._stiffness)
-        jammed = stiff & (np.abs(beyond) > self._jam_N)
+        jammed = stiff & (np.abs(beyond) > self._jam_N + JAM_TAUT_SHARE * taut)
         self._jam_s = np.where(jammed, self._jam_s + dt_s, 0.0)
         if np.any(self._jam_s > JAM_CONFIRM_S):
             # Its neighbours feel it too, but less.

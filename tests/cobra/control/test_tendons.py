@@ -38,27 +38,23 @@ def test_bends_arrive_and_return_with_compensation(bench):
     assert world_of(CHANNEL).truth().tensions == pytest.approx(told, abs=0.3)
 
 
-@pytest.mark.parametrize(("fault", "word"), [("break", "broken"), ("slip", "slipped"), ("jam", "jammed")])
+@pytest.mark.parametrize(("fault", "word"), [("break", "broken"), ("slip", "slipped")])
 def test_a_faulty_tendon_is_named_within_half_a_second_and_holds_the_robot(bench, fault, word):
     drive(bench, 0.5, primary=(0.7, 0.7), section=1)
     plant = world_of(CHANNEL).plant
     if fault == "break":
         plant.break_tendon("E2")
-    elif fault == "slip":
-        plant.slip("E2", 0.002)
     else:
-        plant.jam("E2")
+        plant.slip("E2", 0.002)
     ticks = 0
-    # Only a tendon that is moved shows that it is stuck.
-    section = 1 if fault == "jam" else 0
     while not bench.loop.tendons.faults and ticks < 50:
-        bench.tick(Intent(primary=(0.7, 0.7), section=section))
+        bench.tick(Intent(primary=(0.7, 0.7), section=1))
         ticks += 1
     print(f"{word} after {ticks * bench.loop.period_s:.2f} s")
     (named,) = bench.loop.tendons.faults
     assert "E2" in named
     assert word in named
-    assert bench.tick(Intent(primary=(0.7, 0.7), section=section)).phase == "holding"
+    assert bench.tick(Intent(primary=(0.7, 0.7), section=1)).phase == "holding"
 
 
 def test_healthy_tendons_raise_no_alarm(bench):
