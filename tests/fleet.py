@@ -4,7 +4,7 @@
     python -m tests.fleet watch ENDPOINT ACCOUNT COUNT
 
 Each robot has a link and an account of its own, and publishes whole states until a line on stdin. A watching process is what `cobra-teleop watch` hears with. It says `ready` when it has heard of all robots, begins to count at a line
-on stdin, and at the next one says what it has: the newest tick of each robot, and how long the states were on their way.
+on stdin, and at the next one says what it has: the newest tick of each robot, and how long the states were on their way until they were taken up.
 """
 
 import json
