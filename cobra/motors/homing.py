@@ -62,8 +62,8 @@ EVENING_S = 0.1
 EVENING_SHARE = 0.7
 """Of the tightening speed: so every tendon is always wound in."""
 TIMEOUT_S = 25.0
-CONTACT_COUNTS = 3.0
-"""A rise of the current by fewer counts is no contact."""
+CONTACT_COUNTS = 2.5
+"""A rise of the current by fewer counts is no contact. Between counts, where rounding decides nothing."""
 
 
 class HomingError(RuntimeError):

@@ -32,5 +32,6 @@ def _balanced(azimuths_deg: tuple[float, ...]) -> NDArray[np.float64]:
     high = np.concatenate([np.full(n, float(n)), [0.0, 0.0, n]])
     sense = np.array([0] * n + [_EQUALITY] * 3, dtype=np.intc)
     found: tuple[Any, ...] = daqp.solve(np.eye(n), -np.ones(n), rows, high, low, sense)
-    # Tendons that surround the backbone barely have no such shares; then equal ones are as good as any.
-    return np.asarray(found[0]) if found[2] == _OPTIMAL else np.ones(n)
+    # Tendons that surround the backbone barely have no such shares; then equal ones are as good as any. Rounded, so that
+    # equal shares are exactly equal: currents come in counts, and a hair tips them over a threshold or not.
+    return np.round(found[0], 9) if found[2] == _OPTIMAL else np.ones(n)

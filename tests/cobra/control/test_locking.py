@@ -169,6 +169,13 @@ def let_go(bench, seconds=0.5):
     return bench.states[-1]
 
 
+def test_homed_against_its_stop_it_stands_straight():
+    with Bench(0, "ideal", ROBOT) as bench:
+        bench.home()
+        let_go(bench, 1.0)
+        assert np.linalg.norm(world_of(ROBOT).truth().bends, axis=1) == pytest.approx(0.0, abs=np.radians(0.5))
+
+
 def test_in_the_loop_on_its_twin_the_guiders_really_catch_and_let_go():
     with Bench(0, "default", ROBOT) as bench:
         bench.home()
