@@ -15,7 +15,7 @@ from app.calibrations import calibrations
 from app.simulated_robot import is_simulated, simulated
 from cobra.clock import SystemClock
 from cobra.control.drivetrain import Drivetrain
-from cobra.control.realtime import LOOP_PRIORITY, ask_for_realtime
+from cobra.control.realtime import LOOP_PRIORITY, realtime
 from cobra.description import Bus, RobotDescription
 from cobra.errors import OperatorError
 from cobra.kinematics.configuration import Configuration
@@ -293,8 +293,7 @@ def _use(calibration: Calibration | None, cells: LoadCells, book: CalibrationBoo
 @contextlib.contextmanager
 def _bench(description: RobotDescription, cells: LoadCells | None = None) -> Iterator[tuple[Bench, MotorBus]]:
     clock = SystemClock()
-    ask_for_realtime(LOOP_PRIORITY)
-    with open_bus(description, clock, cells=cells) as bus:
+    with realtime(LOOP_PRIORITY), open_bus(description, clock, cells=cells) as bus:
         bench = Bench(description, bus, clock)
         try:
             bench.enable()

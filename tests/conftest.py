@@ -22,6 +22,15 @@ def folders_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
         os.environ[f"COBRA_TELEOP_{kind}_DIR"] = str(tmp_path_factory.mktemp(kind.lower()))
 
 
+@pytest.fixture(autouse=True)
+def scheduled_as_before() -> Iterator[None]:
+    """Real-time scheduling that a test leaves behind is inherited by every browser that is started later."""
+    scheduling = getattr(os, "sched_getscheduler", lambda pid: None)  # Linux only
+    before = scheduling(0)
+    yield
+    assert scheduling(0) == before, "this test left the process with another scheduling"
+
+
 @pytest.fixture
 def plug() -> Iterator[Callable[..., VirtualPad]]:
     """Plug virtual pads into this process; they are pulled out when the test ends."""

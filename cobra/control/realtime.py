@@ -1,7 +1,9 @@
 """Real-time scheduling, where the machine grants it."""
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator
 
 LOOP_PRIORITY = 40
 OTHERS_PRIORITY = 10
@@ -17,3 +19,15 @@ def ask_for_realtime(priority: int) -> bool:
     except (PermissionError, OSError):
         return False
     return True
+
+
+@contextlib.contextmanager
+def realtime(priority: int) -> Iterator[bool]:
+    """As `ask_for_realtime`, for as long as the block takes: whoever called goes on as before."""
+    before = (os.sched_getscheduler(0), os.sched_getparam(0)) if sys.platform.startswith("linux") else None
+    granted = ask_for_realtime(priority)
+    try:
+        yield granted
+    finally:
+        if before is not None and granted:
+            os.sched_setscheduler(0, *before)
