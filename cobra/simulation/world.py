@@ -133,12 +133,9 @@ class World:
                 self.dropped_s += behind - MAX_CATCH_UP_S
                 self._time_s = now_s - MAX_CATCH_UP_S
             # Half a nanosecond forgives the rounding of clocks that count in decimal steps.
-            before_s = self._time_s
             while self._time_s + CHUNK_S <= now_s + 5e-10 and not self._stopped.is_set():
                 self._step()
                 self._time_s += CHUNK_S
-            if self._time_s == before_s:
-                return  # nobody has anything new to say
             for drive, node in zip(self.description.drives, self.drives, strict=True):
                 self._say(drive.bus, drive.name, node.unasked())
             for (bus, name), amplifier in self.amplifiers.items():
