@@ -10,7 +10,8 @@ import numpy as np
 
 from cobra.description import RobotDescription, Tendon
 from cobra.simulation.cable_kernels import relax, tangent
-from cobra.simulation.chain import PASSIVE, STEP_DAMPING_S, Chain, Indices
+from cobra.simulation.chain import Chain
+from cobra.simulation.chain_parts import PASSIVE, STEP_DAMPING_S, Indices
 from cobra.simulation.plant import Floats
 
 CONDUIT_NODES = 4

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
-from cobra.simulation.chain import SETTLING_S, STEP_DAMPING_S, Chain
+from cobra.simulation.chain import Chain
+from cobra.simulation.chain_parts import SETTLING_S, STEP_DAMPING_S
 from cobra.simulation.plant import Floats
 
 CONTACT_N_m = 1e6

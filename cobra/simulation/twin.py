@@ -10,7 +10,8 @@ import numpy as np
 from cobra.description import RobotDescription
 from cobra.kinematics.ramps import approached
 from cobra.simulation.cables import Cables
-from cobra.simulation.chain import PASSIVE, SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Chain, Kind, build_chain
+from cobra.simulation.chain import Chain, build_chain
+from cobra.simulation.chain_parts import PASSIVE, SETTLING_S, STEP_DAMPING_S, STEP_S, YIELD_RATIO, Kind
 from cobra.simulation.contacts import NO_CONTACTS, pressing
 from cobra.simulation.environments import Environment
 from cobra.simulation.plant import Floats, Truth
