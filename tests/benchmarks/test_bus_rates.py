@@ -60,7 +60,7 @@ class Result:
             feedback = loop.drivetrain.feedback
             assert feedback is not None
             # Standing setpoints, as while holding: frames are those of driving.
-            loop._start_from_measured(feedback)
+            loop.setpoints.start(feedback)
             loop.supervisor.homed = True
             loop.supervisor.armed()
             tick = loop.tick

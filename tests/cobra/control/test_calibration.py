@@ -29,7 +29,7 @@ def test_homing_tells_where_the_zeros_are_and_nothing_else_does():
         feedback, drives = bench.loop.drivetrain.feedback, bench.states[-1].drives
         for i, calibration in enumerate(homed.drives.values()):
             travel = (feedback.angle[i] - calibration.zero_rad) * calibration.travel_per_rad
-            assert travel == pytest.approx(bench.loop._travel()[i], abs=1e-9)
+            assert travel == pytest.approx(bench.loop.setpoints.travel()[i], abs=1e-9)
             assert feedback.current[i] * calibration.load_per_A == pytest.approx(drives.load[i], abs=0.5)
         assert decode(encode(homed), Calibration) == homed
         assert list(homed.drives) == [drive.name for drive in bench.description.drives]
