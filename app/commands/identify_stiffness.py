@@ -1,11 +1,14 @@
 """`cobra-teleop identify stiffness`: equivalent stiffness from load tests."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from app.commands.command import Command, FigureFolder, SkipBadRows
+
+if TYPE_CHECKING:
+    from cobra.mechanics.identification import Quantity
 
 
 def identify_stiffness(
@@ -30,9 +33,9 @@ def identify_stiffness(
     """
     from app.identify.load_tests import identify_stiffness as run
 
-    given = {"bending": bending, "torsion": torsion, "elongation": elongation}
+    given: dict[Quantity, Path | None] = {"bending": bending, "torsion": torsion, "elongation": elongation}
     return run(
-        {quantity: path for quantity, path in given.items() if path is not None},  # type: ignore[misc]
+        {quantity: path for quantity, path in given.items() if path is not None},
         rest_length_mm=rest_length_mm,
         out=out,
         skip_bad_rows=skip_bad_rows,

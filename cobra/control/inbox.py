@@ -3,8 +3,11 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from cobra.messages import Reply
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,7 @@ class Inbox:
     def request(self, data: bytes, answer: Callable[[Reply], None]) -> None:
         self._put(self.requests, Asked(data, answer))
 
-    def _put(self, queue: deque, item: object) -> None:  # type: ignore[type-arg]
+    def _put(self, queue: deque[T], item: T) -> None:
         if len(queue) == queue.maxlen:
             self.overflow += 1
         queue.append(item)
