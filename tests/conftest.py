@@ -46,10 +46,23 @@ def plug() -> Iterator[Callable[..., VirtualPad]]:
 
 
 WHOLE_PROGRAM = ("/faults/", "test_worlds.py", "test_src_bot_program.py", "test_deployments.py", "test_drive_from.py")
+IN_REAL_TIME = (
+    *WHOLE_PROGRAM,
+    "/browser/",
+    "/recording/",
+    "test_commission.py",
+    "test_panels.py",
+    "test_router.py",
+    "test_watching.py",
+)
+"""They start processes or a browser, and what these do takes its time: one after the other, whatever runs beside them."""
 
 
 def pytest_collection_modifyitems(items):
     """The whole program in real time on two cores: a stall ends a drive, as it must, so such a test is run anew."""
     for item in items:
-        if any(part in item.path.as_posix() for part in WHOLE_PROGRAM):
+        path = item.path.as_posix()
+        if any(part in path for part in WHOLE_PROGRAM):
             item.add_marker(pytest.mark.flaky(reruns=2))
+        if any(part in path for part in IN_REAL_TIME):
+            item.add_marker(pytest.mark.xdist_group("in real time"))
