@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from app.console.robot_keeper import RobotKeeper
-from app.link import ConsoleLink
+from app.link.console_end import ConsoleLink
 from cobra.control.identification_sweep import Step, steps
 from cobra.control.tendon_control import fits
 from cobra.description import RobotDescription

@@ -15,8 +15,8 @@ import msgspec
 from app import logs, places, runtime
 from app.bus_routes import rerouted
 from app.calibrations import calibrations
-from app.link import RobotLink
-from app.link_access import DIRECT, LinkAccess, LinkError, on_loopback
+from app.link.access import DIRECT, LinkAccess, LinkError, on_loopback
+from app.link.robot_end import RobotLink
 from app.people.audit import AuditTrail
 from app.robot_deeds import RobotDeeds
 from app.simulated_robot import is_simulated, simulated

@@ -19,7 +19,7 @@ import msgspec
 import zenoh
 from msgspec import Meta
 
-from app.link_access import LinkError, open_session
+from app.link.access import LinkError, open_session
 
 AccountRole = Literal["robot", "driver", "viewer"]
 PASSWORD_BYTES = 24
@@ -162,7 +162,7 @@ def routing(
         try:
             yield session
         finally:
-            session.close()  # type: ignore[no-untyped-call]
+            session.close()
 
 
 def run_router(

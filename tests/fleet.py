@@ -17,8 +17,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from app.link import RobotLink
-from app.link_access import LinkAccess
+from app.link.access import LinkAccess
+from app.link.robot_end import RobotLink
 from app.runtime import any_free_port
 from app.watching.feeds import Feed, WatchedRobot
 from cobra.messages import Meta, encode

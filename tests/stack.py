@@ -18,7 +18,8 @@ import numpy as np
 import zenoh
 from websockets.sync.client import connect
 
-from app.link import ConsoleLink, key
+from app.link.console_end import ConsoleLink
+from app.link.keys import key
 from app.runtime import Running
 from cobra.messages import RobotState
 from tests.page_fakes import cookie_of

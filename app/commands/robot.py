@@ -32,7 +32,7 @@ def robot_process(
     ] = 60.0,
     leave_when_orphaned: Annotated[bool, tyro.conf.arg(help="Exit after the final action.")] = False,
 ) -> int:
-    from app.link_access import LinkAccess
+    from app.link.access import LinkAccess
     from app.robot_process import run_robot
 
     return run_robot(

@@ -24,7 +24,7 @@ def serve(
     tls_key: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="Its private key (PEM).")] = None,
     insecure: Annotated[bool, tyro.conf.arg(help="Allow endpoints beyond loopback without TLS.")] = False,
 ) -> int:
-    from app.link_access import LinkError, on_loopback
+    from app.link.access import LinkError, on_loopback
     from app.router import run_router
 
     plain = [place for place in listen if not place.startswith("tls/") and not on_loopback(place)]

@@ -37,7 +37,7 @@ def watch(
     ] = False,
     frame_rate: Annotated[float, tyro.conf.arg(help="Frames per second of the 3D scenes.")] = 30.0,
 ) -> int:
-    from app.link_access import LinkAccess
+    from app.link.access import LinkAccess
     from app.watching.watch import WatchOptions, run_watch
 
     return run_watch(

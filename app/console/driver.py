@@ -10,7 +10,7 @@ from app.console.page_socket import SeatRequest
 from app.console.page_state import SeatState
 from app.console.pilot import Pilot, Wanted
 from app.console.seat import Occupant, Seat
-from app.link import ConsoleLink
+from app.link.console_end import ConsoleLink
 from cobra.clock import Clock
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
 from cobra.messages import Command, Reply, Request, RobotState, Stop

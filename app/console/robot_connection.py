@@ -6,8 +6,8 @@ from collections import Counter, deque
 from collections.abc import Callable
 
 from app.console.robot_keeper import RobotKeeper, RobotStartError
-from app.link import ConsoleLink
-from app.link_access import LinkError
+from app.link.access import LinkError
+from app.link.console_end import ConsoleLink
 from app.people.audit import Deed
 from cobra.messages import Event, Meta, Push, Reply, RobotState, Touch
 

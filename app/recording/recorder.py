@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from app import runtime
-from app.link import Listener
-from app.link_access import LinkError
+from app.link.access import LinkError
+from app.link.listener import Listener
 from app.recording import channels, storage
 from app.recording.channels import Facts, Input, Kind, RecorderState
 from cobra.description import RobotDescription

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from app.link import history
+from app.link.listener import history
 from app.recording import channels, storage
 from app.recording.channels import (
     CALIBRATION,

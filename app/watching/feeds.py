@@ -13,7 +13,7 @@ import msgspec
 import zenoh
 from zenoh.handlers import RingChannel
 
-from app.link_access import LinkAccess, LinkError, open_session
+from app.link.access import LinkAccess, LinkError, open_session
 from app.people.audit import Deed
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, parse_description
@@ -132,7 +132,7 @@ class Feed:
         self._thread.join()
         session, self._session = self._session, None
         if session is not None:
-            session.close()  # type: ignore[no-untyped-call]
+            session.close()
 
     def put(self, key: str, data: bytes) -> None:
         if self._session is not None:

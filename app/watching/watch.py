@@ -9,7 +9,7 @@ from pathlib import Path
 from app import logs, runtime
 from app.console import listening
 from app.console.listening import load_tls, own_names
-from app.link_access import DIRECT, LinkAccess
+from app.link.access import DIRECT, LinkAccess
 from app.metrics import Metrics
 from app.people.sessions import Sessions
 from app.people.users import Users

@@ -12,8 +12,10 @@ import pytest
 import trustme
 import zenoh
 
-from app.link import ConsoleLink, RobotLink, key
-from app.link_access import LinkAccess, LinkError, open_session
+from app.link.access import LinkAccess, LinkError, open_session
+from app.link.console_end import ConsoleLink
+from app.link.keys import key
+from app.link.robot_end import RobotLink
 from app.router import add_account, load_accounts, routing
 from app.runtime import any_free_port
 from app.watching.feeds import Feed, WatchedRobot

@@ -13,8 +13,8 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from app.link import RobotLink
-from app.link_access import DIRECT
+from app.link.access import DIRECT
+from app.link.robot_end import RobotLink
 from app.people.sessions import Sessions
 from app.people.users import Users
 from app.runtime import any_free_port

@@ -16,6 +16,16 @@ ARGUMENTS = [
 ]
 
 
+PAD = """
+(() => {
+  const pad = { id: "Test Pad (STANDARD GAMEPAD)", index: 0, connected: true, mapping: "standard", timestamp: 0,
+    axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0, touched: false })) };
+  window.thePad = pad;
+  window.press = (i, yes) => { pad.buttons[i] = { pressed: yes, value: yes ? 1 : 0, touched: yes }; };
+  navigator.getGamepads = () => [window.thePad, null, null, null];
+})();
+"""
+"""A pad that the Gamepad API shows, in a page's script: `thePad`, and `press(button, yes)`."""
 NO_SCENE = "<script>parent.postMessage({ viewer: 'here' }, '*')</script>"
 
 

@@ -6,24 +6,13 @@ from typing import Any
 import pytest
 
 from app.people.users import Users
-from tests.browser.conftest import without_scene
+from tests.browser.conftest import PAD, without_scene
 from tests.stack import Stack, wait_for
 
 expect = pytest.importorskip("playwright.sync_api").expect
 expect.set_options(timeout=30_000)
 
 CALM = ("--twin", "ideal", "--frame-rate", "2")
-
-PAD = """
-(() => {
-  const pad = { id: "Test Pad (STANDARD GAMEPAD)", index: 0, connected: true, mapping: "standard", timestamp: 0,
-    axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0, touched: false })) };
-  window.thePad = pad;
-  window.press = (i, yes) => { pad.buttons[i] = { pressed: yes, value: yes ? 1 : 0, touched: yes }; };
-  navigator.getGamepads = () => [window.thePad, null, null, null];
-})();
-"""
-LB, B = 4, 1
 
 
 def sign_in(tab: Any, stack: Stack, user: tuple[str, str]) -> None:

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from app.link import key
+from app.link.keys import key
 from cobra.messages import Command, Intent, Request
 from tests.stack import Page, running, wait_for
 

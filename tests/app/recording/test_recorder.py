@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from app import runtime
-from app.link import RobotLink
+from app.link.robot_end import RobotLink
 from app.recording.reader import Recording
 from app.recording.recorder import FeedLine, Recorder, Report
 from app.recording.recover import default_target, recover
