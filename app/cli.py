@@ -9,6 +9,7 @@ import tyro
 
 from app.commands import (
     check,
+    drive_elsewhere,
     export,
     identify_cable_friction,
     identify_calibrate,
@@ -56,6 +57,7 @@ COMMANDS = {
     command.name: command
     for command in (
         robot.COMMAND,
+        drive_elsewhere.COMMAND,
         record.COMMAND,
         recover.COMMAND,
         motors_serve.COMMAND,

@@ -52,9 +52,9 @@ def identify_friction(robot: str, out: Path | None, apply: bool, options: tuple[
     keeper = RobotKeeper(robot, description.name, options)
     keeper.launch()
     try:
-        running = keeper.wait()
+        endpoint = keeper.wait()
         print(f"{'sweeping the running' if keeper.adopted else 'started a'} robot process of {description.name}")
-        link = ConsoleLink(description.name, running.endpoint)
+        link = ConsoleLink(description.name, endpoint)
         link.start()
         try:
             driver = _Driver(link)

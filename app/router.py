@@ -38,8 +38,9 @@ EVERYTHING = (
 )
 LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 TOLD = ("put", "delete", "reply", "liveliness_token")
-SEEN = ("state", "event", "heard", "truth", "alive")
-"""Keys that a console reads."""
+SEEN = ("state", "event", "heard", "history", "calibration", "truth", "alive")
+"""Keys that a console or its recorder reads."""
+TOLD_WHEN_ASKED = ("meta", "calibration", "audit")
 
 
 class Account(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -99,13 +100,18 @@ def add_account(path: Path, name: str, role: AccountRole, out: Path) -> None:
 def access_rules(accounts: Sequence[Account]) -> dict[str, Any]:
     """Zenoh's access control for these accounts: what is not allowed is denied."""
     rules: list[dict[str, Any]] = [
-        _allow("see", ("egress",), TOLD, [f"cobra/*/{name}" for name in (*SEEN, "meta")]),
+        _allow("see", ("egress",), TOLD, [f"cobra/*/{name}" for name in {*SEEN, *TOLD_WHEN_ASKED}]),
         _allow("listen", ("ingress",), LISTENING, [f"cobra/*/{name}" for name in SEEN]),
-        _allow("ask what it is", ("ingress",), ("query",), ["cobra/*/meta"]),
+        _allow("ask what it is", ("ingress",), ("query",), [f"cobra/*/{name}" for name in TOLD_WHEN_ASKED]),
         _allow("stop", ("ingress",), ("put",), ["cobra/*/stop"]),
-        _allow("drive", ("ingress",), ("put",), ["cobra/*/command", "cobra/*/push"]),
+        _allow("drive", ("ingress",), ("put",), ["cobra/*/command", "cobra/*/push", "cobra/*/length"]),
         # A publisher sends only what it was told that somebody listens to.
-        _allow("know the robot listens", ("egress",), ("declare_subscriber",), ["cobra/*/command", "cobra/*/stop"]),
+        _allow(
+            "know the robot listens",
+            ("egress",),
+            ("declare_subscriber",),
+            [f"cobra/*/{name}" for name in ("command", "stop", "push", "length")],
+        ),
         # Who watches listens to all robots at once.
         _allow("know who watches", ("egress",), ("declare_subscriber",), [f"cobra/*/{name}" for name in SEEN]),
         _allow("be a console", ("ingress",), ("liveliness_token",), ["cobra/*/console/*"]),

@@ -61,6 +61,7 @@ class FakeSession:
             "hand_fed": False,
             "versions": {"cobra-teleop": "0.1.0"},
             "danger": "",
+            "elsewhere": "",
         }
         return {**facts, **self.facts}
 
@@ -74,7 +75,7 @@ class FakeSession:
             "homed": True,
             "channels": [{"name": "main", "load": 0.41, "trouble": ""}],
             "notes": ["bus 'main': rmd-v1 drives have no watchdog: they hold their last setpoint"],
-            "link": {"ok": True, "robot": True, "age_ms": 6.2},
+            "link": {"ok": True, "robot": True, "age_ms": 6.2, "trip_ms": 14.0},
             "lease": {"holder": "console", "since_s": 12.0, "fresh": True, "asking": []},
             "seat": {"shared": True, "page": "", "console_pad": True},
             "people": [{"name": "host", "role": "admin"}],

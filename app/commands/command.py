@@ -3,12 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from cobra.simulation.losses import Losses
 from cobra.simulation.options import ENVIRONMENTS, NOWHERE_ELSE, Simulation, TwinKind
+
+if TYPE_CHECKING:
+    from app.link.access import LinkAccess
 
 RobotName = Annotated[str, tyro.conf.arg(help="Name of a robot that comes with the program, or path of a description.")]
 CanLog = Annotated[
@@ -26,6 +29,53 @@ RecordFolder = Annotated[
 RecordBudget = Annotated[
     float, tyro.conf.arg(metavar="GB", help="Room for recordings; beyond it the oldest unmarked ones are deleted.")
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkArguments:
+    """What a router asks of those who connect."""
+
+    account: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help="Account for the router, from `cobra-teleop router account`.")
+    ] = None
+    ca: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help="Certificate of the authority of tls/ endpoints (PEM).")
+    ] = None
+
+    def access(self) -> "LinkAccess":
+        from app.link.access import LinkAccess  # brings Zenoh
+
+        return LinkAccess(account=self.account, ca=self.ca)
+
+
+DIRECTLY = LinkArguments()
+Linked = Annotated[LinkArguments, tyro.conf.arg(name="")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageArguments:
+    """How a console's page is served."""
+
+    host: Annotated[
+        str, tyro.conf.arg(help="Address to serve the page on; others than loopback need users and TLS.")
+    ] = "127.0.0.1"
+    tls_cert: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="Certificate with its chain, PEM.")] = None
+    tls_key: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="The certificate's key, PEM.")] = None
+    name: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME", help="Further host names by which browsers may come.")
+    ] = ()
+    insecure: Annotated[
+        bool, tyro.conf.arg(help="Listen beyond loopback without users or TLS all the same; the page says so.")
+    ] = False
+
+
+HERE_ONLY = PageArguments()
+Served = Annotated[PageArguments, tyro.conf.arg(name="")]
+PagePort = Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")]
+OpenPage = Annotated[bool, tyro.conf.arg(name="open", help="Open the page in the browser, where there is a screen.")]
+PadHere = Annotated[bool, tyro.conf.arg(help="Read a gamepad plugged into this computer.")]
+FrameRate = Annotated[float, tyro.conf.arg(help="Frames per second of the 3D scene.")]
+NoRecord = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Record nothing.")]
 
 
 @dataclass(frozen=True, kw_only=True)

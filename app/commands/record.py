@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from app.commands.command import Command, RecordBudget, RecordFolder, RobotName
+from app.commands.command import DIRECTLY, Command, Linked, RecordBudget, RecordFolder, RobotName
 
 
 def record(
@@ -17,6 +17,10 @@ def record(
     endpoint: Annotated[
         str | None, tyro.conf.arg(help="Where the robot's link listens; found by itself on this machine.")
     ] = None,
+    linked: Linked = DIRECTLY,
+    wait: Annotated[
+        bool, tyro.conf.arg(help="Wait for a robot that is gone, however long: its network may be cut for a while.")
+    ] = False,
     record: RecordFolder = None,
     file: Annotated[Path | None, tyro.conf.arg(help="Record into this file, which must not exist yet.")] = None,
     record_budget: RecordBudget = 20.0,
@@ -37,7 +41,10 @@ def record(
             raise RecorderError(f"robot {name!r} does not run on this machine; start it, or give its --endpoint")
         endpoint = running.endpoint
     where = file or record or storage.default_folder()
-    return run_recorder(Recorder(name, endpoint or "", where, int(record_budget * 1e9), json.loads(settings)), feed)
+    recorder = Recorder(
+        name, endpoint or "", where, int(record_budget * 1e9), json.loads(settings), linked.access(), wait
+    )
+    return run_recorder(recorder, feed)
 
 
 COMMAND = Command(
@@ -45,5 +52,5 @@ COMMAND = Command(
     "record a robot that runs; the console does so by itself",
     record,
     "  cobra-teleop record                           the robot of this machine\n"
-    "  cobra-teleop record --endpoint tcp/10.0.0.7:7447 --record /data/inspections",
+    "  cobra-teleop record --endpoint tls/router:7447 --account archive.account --ca ca.pem --wait --record /data/inspections",
 )

@@ -1,12 +1,11 @@
 """`cobra-teleop robot`: the robot process alone."""
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from app.bus_routes import BusRoutes
-from app.commands.command import AS_DESCRIBED, CanLog, Command, RobotName, Simulated
+from app.commands.command import AS_DESCRIBED, DIRECTLY, CanLog, Command, Linked, RobotName, Simulated
 
 
 def robot_process(
@@ -19,12 +18,7 @@ def robot_process(
     router: Annotated[
         str | None, tyro.conf.arg(metavar="ENDPOINT", help="A router through which consoles elsewhere reach it.")
     ] = None,
-    account: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help="Account for the router, from `cobra-teleop router account`.")
-    ] = None,
-    ca: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help="Certificate of the authority of a tls/ router (PEM).")
-    ] = None,
+    linked: Linked = DIRECTLY,
     bus: BusRoutes = (),
     can_log: CanLog = None,
     orphaned_after: Annotated[
@@ -32,7 +26,6 @@ def robot_process(
     ] = 60.0,
     leave_when_orphaned: Annotated[bool, tyro.conf.arg(help="Exit after the final action.")] = False,
 ) -> int:
-    from app.link.access import LinkAccess
     from app.robot_process import run_robot
 
     return run_robot(
@@ -40,7 +33,7 @@ def robot_process(
         endpoint=listen,
         simulation=simulated.simulation(),
         router=router,
-        access=LinkAccess(account=account, ca=ca),
+        access=linked.access(),
         routes=bus,
         can_log=can_log,
         orphaned_s=orphaned_after,

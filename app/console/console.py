@@ -30,12 +30,14 @@ from app.console.pad_routes import pad_routes
 from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
 from app.console.recordings_page import recordings_routes
-from app.console.robot_connection import RobotConnection
+from app.console.robot_connection import Keeper, RobotConnection
+from app.console.robot_elsewhere import RobotElsewhere
 from app.console.robot_keeper import RobotKeeper
 from app.console.seat import PAD, Seat
 from app.console.session import ConsoleSession
 from app.console.viewer import Viewer
 from app.console.views import Views
+from app.link.access import DIRECT, LinkAccess
 from app.metrics import Metrics
 from app.people.audit import AuditTrail
 from app.people.sessions import Sessions
@@ -59,6 +61,10 @@ class ConsoleOptions:
     """What the command line chose."""
 
     robot: str = "cobra"
+    """Name or path of a description; of a robot elsewhere its name, or empty for the only one there."""
+    endpoint: str = ""
+    """Where a robot elsewhere is heard; empty for one of this machine."""
+    access: LinkAccess = DIRECT
     simulation: Simulation = AS_DESCRIBED
     routes: tuple[str, ...] = ()
     host: str = "127.0.0.1"
@@ -105,13 +111,15 @@ class Console:
         _ask_for_precedence()
         users, tls = Users(), load_tls(options.tls_cert, options.tls_key)
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
-        description = load_description(options.robot)
+        elsewhere = RobotElsewhere(options.endpoint, options.access, options.robot) if options.endpoint else None
+        description = elsewhere.find() if elsewhere else load_description(options.robot)
         if options.drive_from:
             plan(options.drive_from, rerouted(description, options.routes))  # before anything is started
-        _refuse_a_second(description.name)
-        logs.start(f"console-{description.name}")
+        place = f"{description.name}-elsewhere" if elsewhere else description.name
+        _refuse_a_second(place, description.name)
+        logs.start(f"console-{place}")
         recording = _recording_path(options, description.name)
-        keeper = RobotKeeper(options.robot, description.name, _robot_options(options, recording))
+        keeper = elsewhere or RobotKeeper(options.robot, description.name, _robot_options(options, recording))
         keeper.launch()
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: self.quit())
@@ -122,9 +130,9 @@ class Console:
             recorder.start()
         try:
             welcome = _Welcome(Sessions(users, getpass.getuser()), tls, danger)
-            self._run(description, keeper, robot, welcome, recorder)
+            self._run(description, place, keeper, robot, welcome, recorder)
         finally:
-            runtime.unregister("console", description.name)
+            runtime.unregister("console", place)
             robot.stop()
             if not options.leave_robot:
                 keeper.end()
@@ -135,7 +143,8 @@ class Console:
     def _run(
         self,
         description: RobotDescription,
-        keeper: RobotKeeper,
+        place: str,
+        keeper: Keeper,
         robot: RobotConnection,
         welcome: "_Welcome",
         recorder: RecorderProcess | None,
@@ -174,7 +183,7 @@ class Console:
         meta = robot.start()
         if meta.walls is not None:
             views.surround(meta.walls, robot.touch)
-        late = keeper.adopted and (options.record_can or options.can_log)
+        late = not options.endpoint and keeper.adopted and (options.record_can or options.can_log)
         for warning in (*meta.notes, *((LOG_TOO_LATE,) if late else ())):
             robot.warn(warning)
             print(f"cobra-teleop: {warning}", file=sys.stderr)
@@ -189,6 +198,7 @@ class Console:
             quit_console=self.quit,
             clock=clock,
             danger=welcome.danger,
+            elsewhere=options.endpoint,
             recorder=recorder,
         )
         metrics = Metrics(
@@ -211,7 +221,7 @@ class Console:
             names=own_names(options.host, options.names),
         )
         door.start()
-        runtime.register("console", description.name, door.url)
+        runtime.register("console", place, door.url)
         parts: list[_Part] = [door, session, driver, *([pad] if pad else []), views, trail]
         try:
             driver.start()
@@ -221,7 +231,7 @@ class Console:
             if options.drive_from:
                 parts.insert(0, drive_from := _drive_from(options.drive_from, meta, pilot, driver, robot))
                 drive_from.start()
-            _say(description, door.url, note, keeper.adopted, welcome.danger)
+            _say(description, door.url, note, _how(options, keeper), welcome.danger)
             if options.open_page and _has_screen():
                 threading.Thread(target=_open_browser, args=(door.url,), daemon=True).start()
             # A full collection over everything imported would stop the driver's stream for too long.
@@ -270,8 +280,8 @@ class _Part(Protocol):
     def stop(self) -> None: ...
 
 
-def _refuse_a_second(robot: str) -> None:
-    if other := runtime.find("console", robot):
+def _refuse_a_second(place: str, robot: str) -> None:
+    if other := runtime.find("console", place):
         raise runtime.BusyError(
             f"robot {robot!r} is driven already by the console of process {other.pid}; its page is {other.endpoint} "
             "(end it there, or with Ctrl-C where it was started)"
@@ -287,7 +297,11 @@ def _recording_path(options: ConsoleOptions, robot: str) -> Path | None:
 
 def _recorder(options: ConsoleOptions, name: str, path: Path, robot: RobotConnection) -> RecorderProcess:
     settings = {name: str(getattr(options, name)) for name in options.__dataclass_fields__}
-    more = ("--record-budget", str(options.record_budget_GB), "--settings", json.dumps(settings))
+    more = ["--record-budget", str(options.record_budget_GB), "--settings", json.dumps(settings)]
+    for word, file in (("--account", options.access.account), ("--ca", options.access.ca)):
+        more += [word, str(file)] if file else []
+    if options.endpoint:
+        more.append("--wait")  # a network may be cut for a while
     return RecorderProcess(name, path, more, robot.warn, lambda: tuple(robot.events))
 
 
@@ -309,10 +323,15 @@ def _choose_port(wanted: int) -> tuple[int, str]:
     return port, f"Port {wanted} is held by {holder}; using {port} instead."
 
 
-def _say(description: RobotDescription, url: str, note: str, adopted: bool, danger: str) -> None:
+def _how(options: ConsoleOptions, keeper: Keeper) -> str:
+    if options.endpoint:
+        return f"driven through {options.endpoint}"
+    return "adopted the running robot process" if keeper.adopted else "started"
+
+
+def _say(description: RobotDescription, url: str, note: str, how: str, danger: str) -> None:
     for line in filter(None, (note, danger)):
         print(line, flush=True)
-    how = "adopted the running robot process" if adopted else "started"
     print(f"{description.title}: {how}. Page: {url}   (Ctrl-C ends it)", flush=True)
 
 

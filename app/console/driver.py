@@ -9,6 +9,7 @@ import msgspec
 from app.console.page_socket import SeatRequest
 from app.console.page_state import SeatState
 from app.console.pilot import Pilot, Wanted
+from app.console.robot_lag import RobotLag
 from app.console.seat import Occupant, Seat
 from app.link.console_end import ConsoleLink
 from cobra.clock import Clock
@@ -53,11 +54,17 @@ class Driver:
         self._epoch = 0
         self._sequence = 0
         self._next_try = 0.0
+        self._lag = RobotLag()
         self.errors: Counter[str] = Counter()
         self._thread = threading.Thread(target=self._run, name="driver", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
+
+    @property
+    def lag_s(self) -> float:
+        """Round trip to the robot process [s]."""
+        return self._lag.seconds
 
     def stop(self) -> None:
         """Let go of the controls."""
@@ -212,7 +219,10 @@ class Driver:
                 return
             self._sequence += 1
             lease, epoch, sequence = self._lease, self._epoch, self._sequence
-        wanted = self._pilot.command(self._clock.now())
+        now = self._clock.now()
+        self._lag.taken(state.accepted, link.arrived)
+        self._lag.sent(sequence, now)
+        wanted = self._pilot.command(now, self._lag.seconds)
         command = Command(
             lease=lease,
             epoch=epoch,

@@ -162,7 +162,9 @@ class Gamepad:
             return
         try:
             self._watch(pygame)
-        except Exception as error:
+        except (
+            Exception
+        ) as error:  # counted, told on the page: the thread's end reads as a pad that is gone, which holds
             self._fail(f"the pad's thread ended: {error}. Restart the console to drive with a pad.")
         finally:
             self._forget_all()
@@ -227,7 +229,7 @@ class Gamepad:
             return
         try:
             self._on_change(controls)
-        except Exception:
+        except Exception:  # counted and logged: the listener's fault must not cost the pad its STOP
             self.errors["callback"] += 1
             log.exception("the pad's listener failed")
 

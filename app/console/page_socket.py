@@ -17,10 +17,11 @@ import msgspec
 from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
-from app.console.doorkeeper import PRESENT, TRANSPORT, VISITOR, view_path
+from app.console.doorkeeper import PRESENT, VISITOR, view_path
 from app.console.inputs import Button, Controls
 from app.console.mapping import DEAD_MAN
 from app.console.page_state import Answer, Snapshot, Welcome
+from app.console.patience import taken
 from app.console.snapshots import PERIOD_S, THIN_PERIOD_S, Changes, Snapshots
 from app.people.audit import Deed
 from app.people.roles import at_least, may_ask
@@ -34,8 +35,6 @@ MAX_ECHO_AGE_S = 0.5
 """A page that shows an older picture than this, or whose messages were on their way this long, cannot drive."""
 MAX_REQUESTS = 16
 """Unanswered requests of one page; STOP is never among those refused."""
-STUCK_S = 10.0
-"""A page that takes nothing for this long is cut off; one that lives connects again by itself."""
 SESSION_CHECK_S = 1.0
 """A page whose session ended hears no more after this long; it can send nothing that acts from that moment on."""
 SESSION_OVER = 4401
@@ -192,7 +191,7 @@ class PageSocket:
                 group.create_task(page.end_with_session())
         except* WebSocketDisconnect:
             pass
-        except* Exception:
+        except* Exception:  # counted, then the server's to log: only this page ends
             self.counts["page failed"] += 1
             raise
         finally:
@@ -204,7 +203,7 @@ class PageSocket:
         try:
             answer = self.session.act(asker, what, value, text)
             return await answer if inspect.isawaitable(answer) else answer
-        except Exception as error:
+        except Exception as error:  # counted and answered: one request's fault must not end the page, nor its STOP
             _log.exception("the request %r of %s failed", what, asker.page)
             self.counts["request failed"] += 1
             return Answer(ok=False, reasons=[f"the console failed: {error}"])
@@ -225,13 +224,7 @@ class PageSocket:
         while True:
             # Sending waits for a slow page, so it gets fewer snapshots and never an old one.
             try:
-                async with asyncio.timeout(STUCK_S):
-                    await websocket.send_text(page.news(self._snapshots))
-            except TimeoutError:
-                self.counts["page does not read: cut off"] += 1
-                if connection := websocket.scope[TRANSPORT]():
-                    connection.abort()
-                raise WebSocketDisconnect(1008) from None
+                await taken(websocket.send_text(page.news(self._snapshots)), websocket, "page", self.counts)
             except RuntimeError:
                 # The page was closed from this side while its next snapshot was due.
                 if websocket.application_state is WebSocketState.DISCONNECTED:

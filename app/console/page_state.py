@@ -36,6 +36,8 @@ class LinkState(TypedDict):
     ok: bool
     robot: bool
     age_ms: Number
+    trip_ms: Number
+    """Round trip between console and robot process; what the page measures is its own way to the console."""
 
 
 class LeaseState(TypedDict):
@@ -262,6 +264,8 @@ class Welcome(TypedDict):
     versions: dict[str, str]
     danger: str
     """What everybody has to know about how the page is served; empty when it is as it should be."""
+    elsewhere: str
+    """Through what a robot on another machine is reached, which is not started and ended from here; empty for one that is."""
     page: NotRequired[str]
     """The page's own name; this and the following are added by the socket."""
     user: NotRequired[str]

@@ -215,8 +215,8 @@ class Pilot:
         """The view that the sticks go by."""
         return self._selection.frame
 
-    def command(self, now: float) -> Wanted:
-        """What to send to the robot now [s, the console's clock]."""
+    def command(self, now: float, robot_lag_s: float = 0.0) -> Wanted:
+        """What to send to the robot now [s, the console's clock], whose round trip is `robot_lag_s` beside the page's own."""
         with self._lock:
             self._refresh(now)
             source = self._sources.get(self._driver)
@@ -224,7 +224,7 @@ class Pilot:
             if source and source.clutched:
                 controls = replace(controls, buttons=controls.buttons | {CLUTCH})
             intent = map_controls(controls, controls, self._selection, self._shape(source), self._description).intent
-            intent = replace(intent, speed=intent.speed * pace(controls.lag_s))
+            intent = replace(intent, speed=intent.speed * pace(controls.lag_s + robot_lag_s))
             return Wanted(source is not None, intent, controls.stamp, self._driver, controls, self._selection)
 
     def take_actions(self) -> tuple[Action, ...]:

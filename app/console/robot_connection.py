@@ -4,9 +4,10 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from typing import Protocol
 
-from app.console.robot_keeper import RobotKeeper, RobotStartError
-from app.link.access import LinkError
+from app.console.robot_keeper import RobotStartError
+from app.link.access import LinkAccess, LinkError
 from app.link.console_end import ConsoleLink
 from app.people.audit import Deed
 from cobra.messages import Event, Meta, Push, Reply, RobotState, Touch
@@ -15,10 +16,35 @@ FIRST_STATE_S = 15.0
 RATE_WINDOW = 50
 
 
+class Keeper(Protocol):
+    """Knows where the robot process is, and starts and ends it where it may."""
+
+    @property
+    def adopted(self) -> bool:
+        """Whether it ran before we came."""
+
+    @property
+    def access(self) -> LinkAccess:
+        """What its link asks of us."""
+
+    @property
+    def no_restart(self) -> str:
+        """Why it cannot be restarted from here; empty where it can."""
+
+    def launch(self) -> None:
+        """Adopt or start it, without waiting for it."""
+
+    def wait(self) -> str:
+        """Wait until it is there; returns where its link is. Raises RobotStartError."""
+
+    def end(self) -> None:
+        """End it."""
+
+
 class RobotConnection:
     """Adopts or starts the robot process, holds the link to it, and notices at once when it is gone."""
 
-    def __init__(self, keeper: RobotKeeper, name: str) -> None:
+    def __init__(self, keeper: Keeper, name: str) -> None:
         self._keeper = keeper
         self._name = name
         self._link: ConsoleLink | None = None
@@ -38,8 +64,8 @@ class RobotConnection:
         Raises:
             RobotStartError, LinkError: it did not come up, or does not answer.
         """
-        running = self._keeper.wait()
-        link = ConsoleLink(self._name, running.endpoint, self._alive)
+        endpoint = self._keeper.wait()
+        link = ConsoleLink(self._name, endpoint, self._alive, self._keeper.access)
         link.events, link.event_counts = self.events, self.event_counts
         link.start()
         try:
@@ -51,7 +77,7 @@ class RobotConnection:
             link.stop()
             raise
         self._link, self.present = link, True
-        self.on_connect(running.endpoint)
+        self.on_connect(endpoint)
         return meta
 
     def stop(self) -> None:
@@ -106,6 +132,8 @@ class RobotConnection:
 
     def restart(self) -> Reply:
         """End what is left of the robot process and start it anew, disarmed."""
+        if self._keeper.no_restart:
+            return Reply(ok=False, reasons=(self._keeper.no_restart,))
         with self._lock:
             self.stop()
             self.present = False

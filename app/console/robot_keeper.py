@@ -10,10 +10,12 @@ from pathlib import Path
 import psutil
 
 from app import runtime
+from app.link.access import DIRECT
 from cobra.errors import OperatorError
 
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 3.0
+LOOK_S = 0.02
 
 
 class RobotStartError(OperatorError):
@@ -26,6 +28,9 @@ class RobotKeeper:
     The process runs in a session of its own, so that neither Ctrl-C in the console's terminal nor the console's death
     takes it down: it holds the robot, and the next console adopts it.
     """
+
+    access = DIRECT
+    no_restart = ""
 
     def __init__(self, robot: str, name: str, options: tuple[str, ...] = ()) -> None:
         self._robot = robot
@@ -60,8 +65,8 @@ class RobotKeeper:
                     start_new_session=True,
                 )
 
-    def wait(self) -> runtime.Running:
-        """Wait until the process has registered itself.
+    def wait(self) -> str:
+        """Wait until the process has registered itself; returns where its link is.
 
         Raises:
             RobotStartError: it ended, or it takes too long.
@@ -69,16 +74,13 @@ class RobotKeeper:
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:
             if running := runtime.find("robot", self._name):
-                return running
-            if self._process is not None and self._process.poll() is not None:
+                return running.endpoint
+            if self._process is None:
+                raise RobotStartError("the robot process that ran here has just ended: start again")
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(LOOK_S)
                 raise RobotStartError(self._last_words())
-            time.sleep(0.02)
         raise RobotStartError(f"the robot process did not come up within {START_TIMEOUT_S:.0f} s; see {self.log_file}")
-
-    def alive(self) -> bool:
-        if self._process is not None and self._process.poll() is not None:
-            self._process = None
-        return runtime.find("robot", self._name) is not None
 
     def end(self) -> None:
         """Ask the robot process to quit, and insist when it does not."""

@@ -41,6 +41,10 @@ class Seat(Protocol):
     """Who drives, asks and stops in the name of the people at the pages."""
 
     @property
+    def lag_s(self) -> float:
+        """Round trip to the robot process [s]."""
+
+    @property
     def errors(self) -> Mapping[str, int]:
         """What could not be sent, by reason."""
 

@@ -62,10 +62,14 @@ class ConsoleSession:
         quit_console: Callable[[], None],
         clock: Clock,
         danger: str = "",
+        elsewhere: str = "",
         recorder: RecorderProcess | None = None,
         trail: AuditTrail | None = None,
     ) -> None:
-        """`danger`: what everybody has to know about how the page is served; empty when it is as it should be."""
+        """`danger`: what everybody has to know about how the page is served; empty when it is as it should be.
+
+        `elsewhere`: through what the robot process is reached that is not started and ended from here; empty where it is.
+        """
         self._description = description
         self._layout = Configuration(description)
         self._backbone = Backbone(description)
@@ -79,6 +83,7 @@ class ConsoleSession:
         self._quit = quit_console
         self._clock = clock
         self._danger = danger
+        self._elsewhere = elsewhere
         self._recorder = recorder
         # Requests wait for the robot process; the front door's thread must not.
         self._workers = ThreadPoolExecutor(4, thread_name_prefix="request")
@@ -108,6 +113,7 @@ class ConsoleSession:
             hand_fed=d.hand_fed,
             versions=self._versions,
             danger=self._danger,
+            elsewhere=self._elsewhere,
         )
 
     def snapshot(self) -> Snapshot:
@@ -116,11 +122,16 @@ class ConsoleSession:
         present = self._robot.present
         facts: dict[str, Any] = {
             "phase": state.phase if state and present else "fault",
-            "cause": _cause(state, present),
+            "cause": self._cause(state, present),
             "reasons": [*state.reasons] if state else [],
             "hints": pilot.words,
             "homed": bool(state and state.homed),
-            "link": {"ok": present and age < STALE_S, "robot": present, "age_ms": _number(age * 1e3)},
+            "link": {
+                "ok": present and age < STALE_S,
+                "robot": present,
+                "age_ms": _number(age * 1e3),
+                "trip_ms": _number(self._driver.lag_s * 1e3),
+            },
             "lease": {
                 "holder": state.lease.holder if state else "",
                 "since_s": _number(state.stamp - state.lease.since) if state and state.lease.holder else None,
@@ -256,6 +267,13 @@ class ConsoleSession:
             },
         )
 
+    def _cause(self, state: RobotState | None, present: bool) -> str:
+        if present:
+            return state.cause if state else "Waiting for the robot process."
+        if self._elsewhere:
+            return f"The robot is not heard through {self._elsewhere}. It holds by itself when its driver is lost. Trying again."
+        return "The robot process is gone. The motors hold where they stand. Restart it, then arm again."
+
     def _shape(self, state: RobotState | None, section: int) -> dict[str, Any]:
         """Bends, twist, feed and tip from the measured configuration."""
         q = np.array(state.measured if state else self._layout.rest())
@@ -324,12 +342,6 @@ class ConsoleSession:
         return [
             EventLine(level=e.level, text=e.text, ago=max(now - e.stamp, 0.0), stamp=e.stamp) for e in reversed(newest)
         ]
-
-
-def _cause(state: RobotState | None, present: bool) -> str:
-    if not present:
-        return "The robot process is gone. The motors hold where they stand. Restart it, then arm again."
-    return state.cause if state else "Waiting for the robot process."
 
 
 def _number(value: float) -> float | None:

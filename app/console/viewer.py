@@ -243,7 +243,7 @@ class Viewer:
         """
         try:
             action()
-        except Exception as fault:
+        except Exception as fault:  # viser raises what it likes; counted, and the view goes on
             if client is not None and (self._server is None or client not in self._server.get_clients()):
                 return
             reason = f"{what}: {type(fault).__name__}"

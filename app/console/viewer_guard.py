@@ -19,6 +19,7 @@ from websockets.http11 import Request, Response
 from app.console.viewer_proxy import BUFFER_BYTES, SECRET_HEADER
 
 _one_at_a_time = threading.Lock()
+_where_viser_looks: Any = websockets.asyncio.server
 
 
 @contextmanager
@@ -40,8 +41,8 @@ def guarded(secret: str) -> Iterator[None]:
         return usual(*arguments, process_request=judge, write_limit=BUFFER_BYTES // 2, **options)
 
     with _one_at_a_time:
-        websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]
+        _where_viser_looks.serve = serve
         try:
             yield
         finally:
-            websockets.asyncio.server.serve = usual  # type: ignore[misc]
+            _where_viser_looks.serve = usual

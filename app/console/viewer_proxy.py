@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
 from app.console.doorkeeper import PRESENT, TRANSPORT, VISITOR
+from app.console.patience import taken
 from app.people.roles import Role, at_least
 from app.people.sessions import Visitor
 
@@ -78,10 +79,8 @@ THIN, TIP = "thin", "tip"
 VIEWS = ("", THIN, TIP, f"{THIN}/{TIP}")
 """Under these paths viser's page is found: in full or thin, from outside or from the tip."""
 SESSION_CHECK_S = 1.0
-STUCK_S = 10.0
-"""A viewer that takes nothing for this long is cut off; one that lives connects again by itself."""
 SLOWEST_B_S = 20e3
-"""It has longer for what is large: a link that carries less than this shows nothing anyway."""
+"""A viewer has longer for what is large: a link that carries less than this shows nothing anyway."""
 WATCH_S = 3.0
 BLOCKED_SHARE = 0.5
 """A link that had to be waited for so much of the last `WATCH_S` does not carry what it is given."""
@@ -200,19 +199,11 @@ class ViewerProxy:
         try:
             while True:
                 frame = await viser.recv()
-                async with asyncio.timeout(STUCK_S + len(frame) / SLOWEST_B_S):
-                    with watch:
-                        if isinstance(frame, bytes):
-                            await websocket.send_bytes(frame)
-                        else:
-                            await websocket.send_text(frame)
+                sending = websocket.send_bytes(frame) if isinstance(frame, bytes) else websocket.send_text(frame)
+                with watch:
+                    await taken(sending, websocket, "viewer", self.counts, len(frame) / SLOWEST_B_S)
                 if watch.changed():
                     self._tell(pages, watch.full)
-        except TimeoutError:
-            self.counts["viewer does not read: cut off"] += 1
-            if connection := websocket.scope[TRANSPORT]():
-                connection.abort()
-            raise WebSocketDisconnect(1008) from None
         except ConnectionClosed as closed:
             code = closed.rcvd.code if closed.rcvd else 1001
             await websocket.close(1001 if code in NO_CODE else code, closed.rcvd.reason if closed.rcvd else "")

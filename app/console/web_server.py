@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import socket
 import threading
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from types import TracebackType
@@ -43,7 +44,7 @@ class Door(TypedDict, total=False):
     """Certificate and key; without them what is sent can be read on the way."""
 
 
-class WebServer:
+class WebServer(ABC):
     """Serves routes. `start()` gives them, so that they may need the server itself.
 
     Args:
@@ -76,13 +77,13 @@ class WebServer:
         named = socket.gethostname() if self.host in WILDCARDS else self.host
         return f"{'https' if self._tls else 'http'}://{f'[{named}]' if ':' in named else named}:{self.port}/"
 
+    @abstractmethod
     def routes(self) -> Sequence[BaseRoute]:
         """What is served.
 
         Raises:
             OSError: the pages' files are missing.
         """
-        raise NotImplementedError
 
     def start(self) -> None:
         """Listen and serve. When this returns, browsers can connect.

@@ -135,8 +135,10 @@ class ConsoleLink:
 
     def request(self, request: Request) -> Reply:
         """Ask once and wait for the answer; no answer is a refusal with its reason."""
-        data = self._query("request", encode(request))
-        return decode(data, Reply) if data else Reply(ok=False, reasons=("the robot process does not answer",))
+        if data := self._query("request", encode(request)):
+            return decode(data, Reply)
+        account = "; or the account of this console may only watch" if self._access.account else ""
+        return Reply(ok=False, reasons=(f"the robot process does not answer{account}",))
 
     def meta(self) -> Meta:
         """Description and versions of the robot.

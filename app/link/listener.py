@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import msgspec
 import zenoh
 
-from app.link.access import LinkError, open_session
+from app.link.access import DIRECT, LinkAccess, LinkError, open_session
 from app.link.keys import ask, key
 from cobra.messages import Meta, decode
 
@@ -19,6 +19,7 @@ class Listener:
         hear: what to call with the bytes of each message, by the key's last word ("state", "event", …). Called on the
             link's own threads: it must only put them aside.
         on_alive: called when the robot process comes and goes.
+        access: account and certificate, where a router asks for them.
     """
 
     def __init__(
@@ -27,11 +28,13 @@ class Listener:
         endpoint: str,
         hear: Mapping[str, Callable[[bytes], None]],
         on_alive: Callable[[bool], None] = lambda alive: None,
+        access: LinkAccess = DIRECT,
     ) -> None:
         self._robot = robot
         self._endpoint = endpoint
         self._hear = dict(hear)
         self._on_alive = on_alive
+        self._access = access
         self._session: zenoh.Session | None = None
 
     def start(self) -> Meta:
@@ -40,7 +43,7 @@ class Listener:
         Raises:
             LinkError: nobody listens there, or nobody answers.
         """
-        session = self._session = open_session("client", connect=(self._endpoint,))
+        session = self._session = open_session("client", connect=(self._endpoint,), access=self._access)
 
         def passing(what: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
             return lambda sample: what(sample.payload.to_bytes())

@@ -7,6 +7,7 @@ is found by walking from record to record. A damaged chunk is left out and count
 import mmap
 import os
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -66,14 +67,14 @@ class Record(NamedTuple):
     data: bytes
 
 
-class Openable:
+class Openable(ABC):
     """`with` opens it and closes it."""
 
-    def open(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def open(self) -> None: ...
 
-    def close(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def close(self) -> None: ...
 
     def __enter__(self) -> Self:
         self.open()

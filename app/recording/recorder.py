@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from app import runtime
-from app.link.access import LinkError
+from app.link.access import DIRECT, LinkAccess, LinkError
 from app.link.listener import Listener
 from app.recording import channels, storage
 from app.recording.channels import Facts, Input, Kind, RecorderState
@@ -81,6 +81,8 @@ class Recorder:
         path: the recording, or a folder in which it gets a name by time and robot.
         budget_bytes: of the folder.
         settings: kept as an attachment: what the program was started with.
+        access: account and certificate, where a router asks for them.
+        wait: for a robot that is gone, however long; else it is given up, or looked for on this machine.
     """
 
     def __init__(
@@ -90,7 +92,11 @@ class Recorder:
         path: Path,
         budget_bytes: int = BUDGET_BYTES,
         settings: dict[str, Any] | None = None,
+        access: LinkAccess = DIRECT,
+        wait: bool = False,
     ) -> None:
+        self._access = access
+        self._wait = wait
         self._robot = robot
         self._endpoint = endpoint
         self._path = path
@@ -157,7 +163,7 @@ class Recorder:
             gone_since = self._gone_s
             if alone_since is not None and (gone_since is not None or now - alone_since > LONELY_S):
                 break
-            if gone_since is not None:
+            if gone_since is not None and not self._wait:
                 if now - gone_since > GIVEN_UP_S:
                     break
                 self._look_for_robot()
@@ -212,7 +218,7 @@ class Recorder:
             "heard": lambda data: self._put("heard", data),
             "calibration": lambda data: self._put("calibration", data),
         }
-        listener = Listener(self._robot, self._endpoint, hear, alive)
+        listener = Listener(self._robot, self._endpoint, hear, alive, self._access)
         meta = listener.start()
         self._listener, self._gone_s = listener, None
         if calibration := listener.calibration():

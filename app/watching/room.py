@@ -25,6 +25,7 @@ class Spectator:
     def __init__(self, robot: WatchedRobot) -> None:
         self._robot = robot
         self.errors: dict[str, int] = {}
+        self.lag_s = 0.0
 
     def wake(self) -> None:
         """There is no stream of commands to wake."""

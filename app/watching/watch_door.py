@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.console.doorkeeper import PRESENT, VISITOR
 from app.console.front_door import metrics_route, page_route, stop_by_post
+from app.console.patience import cut_off, taken
 from app.console.static_folder import static_folder
 from app.console.web_server import Door, WebServer
 from app.metrics import Metrics
@@ -25,6 +26,9 @@ from app.watching.wall import wall_of
 from cobra.errors import OperatorError
 
 WALL_PERIOD_S = 0.2
+SILENT_S = 5.0
+"""A wall says of everything that it has seen it; one that says nothing for this long is cut off."""
+SEEN = "seen"
 ROOM = "/robot/{name}"
 NOT_KNOWN = 1008
 
@@ -76,20 +80,35 @@ class WatchDoor(WebServer):
         return JSONResponse({"ok": True, "robots": len(self._robots), "fresh": fresh, "walls": self.walls})
 
     async def _tell_wall(self, websocket: WebSocket) -> None:
-        """Tell a wall what there is until it closes or its session ends. It says nothing itself."""
+        """Tell a wall what there is until it closes, its session ends or it does not read on."""
         await websocket.accept()
         self.walls += 1
         try:
             async with asyncio.TaskGroup() as group:
-                group.create_task(_until_closed(websocket))
+                group.create_task(self._hear_wall(websocket))
                 while websocket.scope[PRESENT]() is not None:
-                    await websocket.send_bytes(msgspec.json.encode(wall_of(self._robots, self._feeds)))
+                    told = msgspec.json.encode(wall_of(self._robots, self._feeds))
+                    await taken(websocket.send_bytes(told), websocket, "wall", self.refused)
                     await asyncio.sleep(WALL_PERIOD_S)
                 await websocket.close(NOT_KNOWN)
         except* (WebSocketDisconnect, RuntimeError):
             pass  # it is gone; sending to it is what says so
         finally:
             self.walls -= 1
+
+    async def _hear_wall(self, websocket: WebSocket) -> None:
+        """Until it is closed or falls silent: what it does not read would wait for minutes in its own machine."""
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(SILENT_S) as patience:
+                while (received := await websocket.receive())["type"] != "websocket.disconnect":
+                    if received.get("text") == SEEN:
+                        patience.reschedule(loop.time() + SILENT_S)
+                    else:
+                        self.refused["message from a wall"] += 1
+        except TimeoutError:
+            raise cut_off(websocket, "wall", self.refused) from None
+        raise WebSocketDisconnect(1000)
 
     async def _page(self, websocket: WebSocket) -> None:
         if room := await self._room_of(websocket):
@@ -124,9 +143,3 @@ class WatchDoor(WebServer):
             robot.stop(request.scope[VISITOR].name, "pressed on the wall")
             return JSONResponse({"ok": True, "reasons": []})
         return PlainTextResponse("There is no such robot.", 404)
-
-
-async def _until_closed(websocket: WebSocket) -> None:
-    while (await websocket.receive())["type"] != "websocket.disconnect":
-        pass
-    raise WebSocketDisconnect(1000)

@@ -98,9 +98,7 @@ export class PadSetup {
     if (!byId("pad-dialog").open) return;
     const raw = this.#raw();
     if (raw) {
-      // The console's own pad comes corrected as it is kept, this computer's as it is.
-      const now = this.device.at === "console" ? raw : corrected(raw, this.draft);
-      this.picture.draw(now);
+      this.picture.draw(corrected(raw, this.draft));
       this.#calibrate(raw);
     }
     setText(byId("setup-state"), raw ? "" : "It is not connected.");

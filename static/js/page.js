@@ -232,6 +232,10 @@ function showFacts() {
   setText(byId("versions"), versions[0] ?? "");
   byId("versions").title = versions.join("\n");
   document.body.dataset.role = facts.role;
+  if (facts.elsewhere) {
+    setText(byId("quit-title"), "End this console?");
+    setText(byId("quit-text"), "The robot holds, and its process goes on where it runs. Everybody who watches here is cut off.");
+  }
   // A watched robot's page is one of many, under the wall.
   byId("to-wall").hidden = PLACE === "/";
   byId("versions").hidden = PLACE !== "/";
@@ -272,7 +276,7 @@ function draw() {
 
 function showQuality() {
   setText(byId("page-link"), link.connected ? link.quality.text() : "cut off");
-  const [level, words] = link.connected ? link.quality.verdict(link.age(), facts?.role !== "viewer" && driving.enabled) : ["", ""];
+  const [level, words] = link.connected ? link.quality.verdict(link.age(), facts?.role !== "viewer" && driving.enabled, state?.link.trip_ms ?? 0) : ["", ""];
   setAttribute(byId("page-link"), "data-level", level);
   setProperty(byId("page-link"), "title", `Round trip and its change; ${link.quality.lost} answers late or lost`);
   setProperty(byId("slow"), "hidden", !words);
@@ -292,7 +296,7 @@ function showWho(phase) {
 function showNotice(phase) {
   const cut = ["offline", "gone", "silent"].includes(phase);
   setProperty(byId("notice"), "hidden", !cut);
-  setProperty(byId("restart-robot"), "hidden", phase !== "gone");
+  setProperty(byId("restart-robot"), "hidden", phase !== "gone" || Boolean(facts?.elsewhere));
   if (!cut) return;
   setText(byId("notice-title"), stateWord(phase));
   setText(byId("notice-text"), causeOf(phase, state));

@@ -45,9 +45,10 @@ export class Quality {
     return steps.length ? steps.reduce((sum, step) => sum + step, 0) / steps.length : NaN;
   }
 
-  /** What to say about it, and how bad it is: "", "near" or "at". `age` of what is shown [ms]; `drives`: one who may. */
-  verdict(age, drives) {
-    const ms = Math.round(this.latency);
+  /** What to say about it, and how bad it is: "", "near" or "at". `age` of what is shown [ms]; `drives`: one who may;
+   * `further`: round trip between console and robot [ms]. */
+  verdict(age, drives, further = 0) {
+    const ms = Math.round(this.latency + further);
     if (!drives) return age >= OLD_MS ? ["at", `What you see is ${figure(age / 1e3, 1)} s old: the link is slow.`] : ["", ""];
     if (ms >= HOLD_MS) return ["at", `The link is too slow to drive: ${ms} ms, the robot holds. Come closer to the network.`];
     if (ms >= SLOW_MS) return ["at", `The link is slow: ${ms} ms. The robot moves slower. Make small moves and wait.`];

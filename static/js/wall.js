@@ -20,6 +20,7 @@ function open() {
   socket.onmessage = (event) => {
     newest = JSON.parse(new TextDecoder().decode(event.data));
     heard = performance.now();
+    socket.send("seen"); // who does not say so is taken for one who does not read
     draw();
   };
   socket.onclose = () => setTimeout(open, RETRY_MS);

@@ -1,5 +1,6 @@
 """Claims about consoles that watch: they see every robot, may STOP, and can do nothing else, whatever is sent to them."""
 
+import contextlib
 import json
 import threading
 from collections import Counter
@@ -10,7 +11,7 @@ from typing import Any
 import httpx
 import msgspec
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from app.link.access import DIRECT
@@ -116,10 +117,10 @@ class House:
         for feed in self.feeds:
             feed.stop()
 
-    def socket(self, path: str) -> Any:
+    def socket(self, path: str, **options: Any) -> Any:
         cookies = "; ".join(f"{name}={value}" for name, value in self.client.cookies.items())
         url = self.door.url.replace("http", "ws").rstrip("/")
-        return connect(url + path, origin=self.door.url.rstrip("/"), additional_headers={"Cookie": cookies})
+        return connect(url + path, origin=self.door.url.rstrip("/"), additional_headers={"Cookie": cookies}, **options)
 
     def tile(self, name: str) -> dict[str, Any]:
         return next(dict(tile) for tile in wall_of(self.robots, self.feeds)["robots"] if tile["name"] == name)
@@ -293,3 +294,28 @@ def test_a_robots_page_can_be_opened_without_the_wall_and_by_strangers_only_afte
         assert (answer.status_code, answer.headers["location"]) == (303, "/sign-in")
         for path in ("/robot/left/viewer/", "/robot/left/ws", "/robot/left/a/"):
             assert stranger.get(path).status_code == 401, path
+
+
+@pytest.mark.parametrize("says", [None, "hello", b"\x00" * 70_000, "seen" * 1000])
+def test_a_wall_that_does_not_say_it_reads_is_cut_off_and_others_are_not(house, monkeypatch, says):
+    monkeypatch.setattr("app.watching.watch_door.SILENT_S", 0.5)
+    with house.socket("/wall") as honest, house.socket("/wall") as silent:
+        if says is not None:
+            silent.send(says)
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                honest.recv()
+                honest.send("seen")
+                silent.recv()
+        wait_for("the silent one to be gone", lambda: house.door.walls == 1)
+        honest.recv()
+    assert house.door.refused["wall does not read: cut off"] == 1
+    assert house.door.refused["message from a wall"] == (says is not None)
+
+
+def test_a_wall_that_takes_nothing_is_cut_off(house, monkeypatch):
+    monkeypatch.setattr("app.console.patience.STUCK_S", 0.3)
+    monkeypatch.setattr("app.watching.watch_door.WALL_PERIOD_S", 0.0)
+    with house.socket("/wall", max_queue=1, close_timeout=0.1):  # and never read
+        wait_for("the cut", lambda: house.door.refused["wall does not read: cut off"] == 1)
+        wait_for("its end", lambda: house.door.walls == 0)

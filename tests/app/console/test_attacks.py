@@ -275,7 +275,7 @@ def test_a_frame_too_large_for_any_use_ends_its_connection(door: FrontDoor, peop
 def test_a_reader_that_takes_nothing_is_cut_off_and_holds_nobody_up(
     door: FrontDoor, people: Any, session: FakeSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.console.page_socket.STUCK_S", 0.3)
+    monkeypatch.setattr("app.console.patience.STUCK_S", 0.3)
     session.changes["cause"] = "x" * 200_000
     cookie = cookie_of(door.port, people["viewer"])
     slow = connect(

@@ -21,22 +21,11 @@ from websockets.sync.client import ClientConnection, connect
 from app.console.front_door import FrontDoor
 from app.console.viewer_proxy import LOOKING, OPERATING, may_pass
 from tests.app.console.scene_fakes import wait_until
+from tests.crowd import CAMERA
 from tests.page_fakes import FakeSession, PageClient, cookie_of
 from tests.slow_link import SlowLink
 
 SUBPROTOCOL = f"viser-v{viser.__version__}"
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (0.0, 0.0, 1.0),
-    "fov": 1.0,
-    "near": 0.01,
-    "far": 100.0,
-    "image_height": 480,
-    "image_width": 640,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, -1.0, 0.0),
-}
 SHARE = {"type": "ShareUrlRequest"}
 
 
@@ -199,7 +188,7 @@ def test_a_viewer_is_cut_off_when_viser_ends(session: FakeSession) -> None:
 def test_a_viewer_that_stops_reading_is_cut_off_and_holds_nobody_up(
     door: FrontDoor, viewer: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.console.viewer_proxy.STUCK_S", 0.3)
+    monkeypatch.setattr("app.console.patience.STUCK_S", 0.3)
     monkeypatch.setattr("app.console.viewer_proxy.SLOWEST_B_S", 1e9)
     stuck = connect(
         f"ws://127.0.0.1:{door.port}/viewer/",

@@ -20,7 +20,7 @@ from app.people.users import Users
 from cobra.loading import load_description
 from cobra.messages import Push
 from tests.app.console.scene_fakes import drives_of, state_of, wait_until
-from tests.app.console.test_front_door_viewer import CAMERA
+from tests.crowd import CAMERA
 from tests.page_fakes import FakeSession, cookie_of
 
 SRC_BOT = load_description("src-bot")
