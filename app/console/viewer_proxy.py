@@ -126,7 +126,7 @@ class ViewerProxy:
         words = [word for word in path.split("/") if word and not word.startswith(PAGE_MARK)]
         path = "" if "/".join(words) in VIEWS else path
         port, secret = self._full  # their pages are the same
-        if ".." in path.replace("\\", "/").split("/"):
+        if ".." in path.replace("\\", "/").split("/") or not path.isprintable():
             return Response("Not found", 404)
         # A client for each request: the page is loaded once in hours. Plain HTTP, so no TLS context has to be built.
         async with httpx.AsyncClient(trust_env=False, verify=False) as client:

@@ -14,7 +14,11 @@ HISTORY_S = 0.1
 
 
 class RobotLink:
-    """The robot's end: publishes, and hands what arrives to callbacks that must only put it aside."""
+    """Publishes, and hands what arrives to callbacks that must only put it aside.
+
+    There are two ways to it, each a session of its own, so that an account for the router shuts out nobody of this machine:
+    an endpoint that it listens on, and where there is one, a router that it connects to.
+    """
 
     def __init__(
         self,
@@ -25,14 +29,14 @@ class RobotLink:
         access: LinkAccess = DIRECT,
         audit: Callable[[], bytes] = lambda: b"\x90",
     ) -> None:
-        """`audit` gives the newest deeds, encoded."""
+        """`access` is for the router; `audit` gives the newest deeds, encoded."""
         self._audit = audit
         self._robot = robot
         self._endpoint = endpoint
         self._router = router
         self._access = access
         self._meta = encode(meta)
-        self._session: zenoh.Session | None = None
+        self._ways: list[_Way] = []
         self._consoles: set[str] = set()
         self._waiting: list[bytes] = []
         self._calibration = b""
@@ -56,8 +60,7 @@ class RobotLink:
         Raises:
             LinkError: the endpoint is taken or not ours to listen on, or the router does not let us in.
         """
-        routers = (self._router,) if self._router else ()
-        session = self._session = open_session("peer", listen=(self._endpoint,), connect=routers, access=self._access)
+        hear = {"command": on_command, "stop": on_stop, "length": on_length, **({"push": on_push} if on_push else {})}
 
         def request(query: zenoh.Query) -> None:
             def answer(reply: Reply) -> None:
@@ -66,31 +69,29 @@ class RobotLink:
 
             on_request(query.payload.to_bytes() if query.payload else b"", answer)
 
-        def name(what: str) -> str:
-            return key(self._robot, what)
+        answers = {
+            "request": request,
+            "meta": lambda query: query.reply(query.key_expr, self._meta),
+            "calibration": self._tell_calibration,
+            "audit": lambda query: query.reply(query.key_expr, self._audit()),
+        }
+        try:
+            self._open(open_session("peer", listen=(self._endpoint,)), hear, answers)
+            if self._router:
+                self._open(open_session("client", connect=(self._router,), access=self._access), hear, answers)
+        except BaseException:
+            self.stop()
+            raise
 
-        self._state = newest_only(session, name("state"))
-        self._event = session.declare_publisher(name("event"))
-        self._history = session.declare_publisher(name("history"), congestion_control=zenoh.CongestionControl.DROP)
-        self._heard = session.declare_publisher(name("heard"), congestion_control=zenoh.CongestionControl.DROP)
-        self._calibrated = session.declare_publisher(name("calibration"))
-        self._truth = session.declare_publisher(name("truth"), congestion_control=zenoh.CongestionControl.DROP)
-        self._subscribers = [
-            session.declare_subscriber(name("command"), lambda sample: on_command(sample.payload.to_bytes())),
-            session.declare_subscriber(name("stop"), lambda sample: on_stop(sample.payload.to_bytes())),
-            session.declare_subscriber(name("length"), lambda sample: on_length(sample.payload.to_bytes())),
-            *(
-                (session.declare_subscriber(name("push"), lambda sample: on_push(sample.payload.to_bytes())),)
-                if on_push
-                else ()
-            ),
-            session.declare_queryable(name("request"), request),
-            session.declare_queryable(name("meta"), lambda query: query.reply(query.key_expr, self._meta)),
-            session.declare_queryable(name("calibration"), self._tell_calibration),
-            session.declare_queryable(name("audit"), lambda query: query.reply(query.key_expr, self._audit())),
-        ]
-        self._token = session.liveliness().declare_token(name("alive"))
-        self._watch = session.liveliness().declare_subscriber(name("console/*"), self._take_console, history=True)
+    def _open(
+        self,
+        session: zenoh.Session,
+        hear: dict[str, Callable[[bytes], None]],
+        answers: dict[str, Callable[[zenoh.Query], None]],
+    ) -> None:
+        way = _Way(session, self._robot)
+        self._ways.append(way)
+        way.listen(hear, answers, self._take_console)
 
     def _take_console(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
@@ -99,16 +100,17 @@ class RobotLink:
             self._consoles.discard(str(sample.key_expr))
 
     def stop(self) -> None:
-        if self._session is not None:
-            self._publish_history()
-            self._session.close()
-            self._session = None
+        self._publish_history()
+        ways, self._ways = self._ways, []
+        for way in ways:
+            way.session.close()
 
     def publish_state(self, state: RobotState) -> None:
-        if self._session is None:
+        if not self._ways:
             return
         data = encode(state)
-        self._state.put(data)
+        for way in self._ways:
+            way.state.put(data)
         self._waiting.append(data)
         if state.stamp >= self._history_due:
             self._history_due = state.stamp + HISTORY_S
@@ -117,25 +119,64 @@ class RobotLink:
     def _publish_history(self) -> None:
         waiting, self._waiting = self._waiting, []
         if waiting:
-            self._history.put(msgspec.msgpack.encode(waiting))
+            data = msgspec.msgpack.encode(waiting)
+            for way in self._ways:
+                way.history.put(data)
 
     def publish_event(self, event: Event) -> None:
-        if self._session is not None:
-            self._event.put(encode(event))
+        for way in self._ways:
+            way.event.put(encode(event))
 
     def publish_heard(self, heard: Heard) -> None:
-        if self._session is not None:
-            self._heard.put(encode(heard))
+        data = encode(heard)
+        for way in self._ways:
+            way.heard.put(data)
 
     def publish_calibration(self, calibration: Calibration) -> None:
         self._calibration = encode(calibration)
-        if self._session is not None:
-            self._calibrated.put(self._calibration)
+        for way in self._ways:
+            way.calibration.put(self._calibration)
 
     def _tell_calibration(self, query: zenoh.Query) -> None:
         if self._calibration:
             query.reply(query.key_expr, self._calibration)
 
     def publish_truth(self, data: bytes) -> None:
-        if self._session is not None:
-            self._truth.put(data)
+        for way in self._ways:
+            way.truth.put(data)
+
+
+class _Way:
+    """One session with what is declared on it."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self.session = session
+        self._robot = robot
+        drop = zenoh.CongestionControl.DROP
+        self.state = newest_only(session, key(robot, "state"))
+        self.event = session.declare_publisher(key(robot, "event"))
+        self.history = session.declare_publisher(key(robot, "history"), congestion_control=drop)
+        self.heard = session.declare_publisher(key(robot, "heard"), congestion_control=drop)
+        self.calibration = session.declare_publisher(key(robot, "calibration"))
+        self.truth = session.declare_publisher(key(robot, "truth"), congestion_control=drop)
+
+    def listen(
+        self,
+        hear: dict[str, Callable[[bytes], None]],
+        answers: dict[str, Callable[[zenoh.Query], None]],
+        console: Callable[[zenoh.Sample], None],
+    ) -> None:
+        """Hear what is sent, answer what is asked, say that the robot is there, and watch its consoles."""
+        session = self.session
+
+        def passing(take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+            return lambda sample: take(sample.payload.to_bytes())
+
+        self._subscribers = [
+            session.declare_subscriber(key(self._robot, name), passing(take)) for name, take in hear.items()
+        ]
+        self._queryables = [
+            session.declare_queryable(key(self._robot, name), answer) for name, answer in answers.items()
+        ]
+        self._token = session.liveliness().declare_token(key(self._robot, "alive"))
+        self._watch = session.liveliness().declare_subscriber(key(self._robot, "console/*"), console, history=True)

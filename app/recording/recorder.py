@@ -40,6 +40,7 @@ LONELY_S: Final = 150.0
 """Without its console it records on for so long: past the robot's final action, which is taken after 60 s."""
 GIVEN_UP_S: Final = 15.0
 """A robot process that is gone is waited for this long."""
+RETRY_S: Final = 2.0
 EARLY: Final = 5000
 """Messages kept while the file is not open yet."""
 NICENESS: Final = 5
@@ -134,7 +135,7 @@ class Recorder:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise RecorderError(f"{folder}: no recordings can be kept there: {error.strerror}") from None
-        meta = self._connect()
+        meta = self._first_connect()
         if self._path is folder:
             self._path = storage.new_path(folder, self._robot, time.time())
         self._keep_house()
@@ -207,6 +208,14 @@ class Recorder:
         state = self._writer.status if self._writer is not None else RecorderState()
         deleted, self._deleted = tuple(self._deleted), []
         return Report(path=str(self._path), state=state, room=self._room, deleted=deleted)
+
+    def _first_connect(self) -> Meta:
+        while True:
+            try:
+                return self._connect()
+            except LinkError:
+                if not self._wait or self._ended.wait(RETRY_S):
+                    raise
 
     def _connect(self) -> Meta:
         def alive(yes: bool) -> None:

@@ -1,7 +1,9 @@
 """Claims about the router between networks: roles are enforced by it, whatever a program behind an account sends."""
 
 import os
+import re
 import stat
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,14 +14,18 @@ import pytest
 import trustme
 import zenoh
 
+from app.console.robot_connection import RobotConnection
+from app.console.robot_elsewhere import RobotElsewhere
 from app.link.access import LinkAccess, LinkError, open_session
 from app.link.console_end import ConsoleLink
 from app.link.keys import key
+from app.link.listener import Listener
 from app.link.robot_end import RobotLink
 from app.router import add_account, load_accounts, routing
 from app.runtime import any_free_port
 from app.watching.feeds import Feed, WatchedRobot
-from cobra.messages import Command, Drives, Event, Meta, Reply, Request, RobotState, Stop
+from cobra.loading import description_text
+from cobra.messages import Calibration, Command, Drives, Event, Heard, Meta, Reply, Request, RobotState, Stop, encode
 from tests.stack import wait_for
 
 STATE = RobotState(
@@ -37,9 +43,10 @@ class Net:
     def __init__(self, folder: Path, endpoint: str, access: dict[str, LinkAccess]) -> None:
         self.folder, self.endpoint, self.access = folder, endpoint, access
         self.got: Counter[str] = Counter()
-        meta = Meta(description="", versions={}, pid=1)
-        own = f"tcp/127.0.0.1:{any_free_port()}"
-        self.robot = RobotLink("arm", own, meta, router=endpoint, access=access["arm"])
+        text = description_text("cobra-twist-feed").replace('name = "cobra-twist-feed"', 'name = "arm"', 1)
+        meta = Meta(description=text, versions={}, pid=1)
+        self.own = f"tcp/127.0.0.1:{any_free_port()}"
+        self.robot = RobotLink("arm", self.own, meta, router=endpoint, access=access["arm"])
         self.robot.start(lambda _: self._count("command"), lambda _: self._count("stop"), self._request)
 
     def console(self, name: str, watches: bool) -> ConsoleLink:
@@ -205,3 +212,91 @@ def test_a_wall_hears_all_robots_through_the_router(net: Net) -> None:
         wait_for("the stop", lambda: net.got["stop"] == 1)
     finally:
         feed.stop()
+
+
+def test_a_console_elsewhere_finds_the_robot_and_cannot_restart_it(net: Net) -> None:
+    elsewhere = RobotElsewhere(net.endpoint, net.access["ann"])
+    assert elsewhere.find().name == "arm"
+    robot = RobotConnection(elsewhere, "arm")
+    publishing = threading.Event()
+
+    def publish() -> None:
+        while not publishing.wait(0.02):
+            net.robot.publish_state(STATE)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        assert robot.start().pid == 1
+        wait_for("the robot to count its console", lambda: net.robot.consoles == 1)
+        refused = robot.restart()
+        assert refused.reasons == (
+            f"the robot process runs elsewhere, behind {net.endpoint}: restart it on its own machine",
+        )
+        assert robot.present, "and nothing was ended for it"
+    finally:
+        publishing.set()
+        thread.join()
+        robot.stop()
+
+
+def test_who_records_through_the_router_hears_all_that_is_recorded(net: Net) -> None:
+    heard: Counter[str] = Counter()
+    hear = {
+        name: (lambda data, name=name: heard.update([name])) for name in ("history", "event", "heard", "calibration")
+    }
+    listener = Listener("arm", net.endpoint, hear, access=net.access["wall"])
+    listener.start()
+    calibration = Calibration(stamp=1.0, homed=False, drives={})
+
+    def told() -> bool:
+        net.robot.publish_state(STATE)
+        net.robot.publish_state(msgspec.structs.replace(STATE, stamp=2.0))
+        net.robot.publish_event(Event(stamp=1.0, level="info", text="hello"))
+        net.robot.publish_heard(Heard())
+        net.robot.publish_calibration(calibration)
+        return set(heard) == set(hear)
+
+    wait_for("all of it", told)
+    assert listener.calibration() == encode(calibration)
+    listener.stop()
+
+
+def test_an_account_for_the_router_shuts_out_nobody_beside_the_robot(net: Net) -> None:
+    beside = ConsoleLink("arm", net.own)
+    beside.start()
+    assert beside.meta().pid == 1
+    wait_for("both ways to it", lambda: net.robot.consoles == 1)
+    beside.send(command())
+    wait_for("the command", lambda: net.got["command"])
+    beside.stop()
+
+
+@pytest.mark.parametrize(
+    ("account", "name", "says"),
+    [
+        ("ann", "borescope", "robot 'borescope' is not heard at {endpoint}; there: arm"),
+        (None, "", "cannot open the link on {endpoint}"),
+    ],
+)
+def test_what_is_wrong_with_a_robot_elsewhere_is_one_line(net: Net, account: str | None, name: str, says: str) -> None:
+    access = net.access[account] if account else LinkAccess(ca=net.access["ann"].ca)
+    with pytest.raises(LinkError, match=re.escape(says.format(endpoint=net.endpoint))) as raised:
+        RobotElsewhere(net.endpoint, access, name).find()
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_several_robots_or_none_are_told_apart(net: Net) -> None:
+    text = description_text("cobra-twist-feed").replace('name = "cobra-twist-feed"', 'name = "other"', 1)
+    meta = Meta(description=text, versions={}, pid=2)
+    other = RobotLink(
+        "other", f"tcp/127.0.0.1:{any_free_port()}", meta, router=net.endpoint, access=net.access["other"]
+    )
+    other.start(lambda _: None, lambda _: None, lambda data, answer: None)
+    with pytest.raises(LinkError, match="choose one of arm, other with --robot"):
+        RobotElsewhere(net.endpoint, net.access["ann"]).find()
+    assert RobotElsewhere(net.endpoint, net.access["ann"], "other").find().name == "other"
+    other.stop()
+    net.robot.stop()
+    with pytest.raises(LinkError, match="no robot is heard"):
+        RobotElsewhere(net.endpoint, net.access["ann"]).find()
