@@ -5,6 +5,7 @@
 // `end()` lets everything go; nothing resumes until it is pressed anew.
 
 const TICK_MS = 20; // 50 Hz while something is held or has just changed …
+const PAD_MS = 5; // The Gamepad API tells of no change: the pad is looked at this often, and a change is sent at once.
 const IDLE_TICKS = 5; // … else 10 Hz, so that nobody takes an idle page for a silent one.
 const RECENT_MS = 300;
 const CENTRE = [0, 0];
@@ -15,10 +16,10 @@ export class Driving {
   constructor(send, show) {
     this.send = send;
     this.show = show;
-    this.enabled = false;
+    this.may = false;
     this.keys = new Set();
     this.pressed = new Map(); // on-screen control → its value
-    this.pad = null; // a `ChosenPad`, read at every tick
+    this.pad = null; // a `ChosenPad`
     this.padReading = null;
     this.letGo = []; // called by end(), so that the widgets let their pointers go
     this.last = "";
@@ -26,6 +27,17 @@ export class Driving {
     this.changedAt = -Infinity;
     this.ticks = 0;
     setInterval(() => this.#tick(), TICK_MS);
+    setInterval(() => this.#lookAtPad(), PAD_MS);
+  }
+
+  /** Whether this page may drive now. What is held in the moment that it may again must be let go first. */
+  get enabled() {
+    return this.may;
+  }
+
+  set enabled(yes) {
+    if (yes && !this.may) this.pad?.distrust();
+    this.may = yes;
   }
 
   /** An on-screen control is pressed, or moved to another value. */
@@ -101,13 +113,15 @@ export class Driving {
     this.show(reading);
   }
 
+  #lookAtPad() {
+    const pad = this.pad?.reading() ?? null;
+    if (!pad && !this.padReading) return;
+    this.padReading = pad;
+    this.#changed();
+  }
+
   #tick() {
     this.ticks += 1;
-    const pad = this.pad?.reading() ?? null;
-    if (pad || this.padReading) {
-      this.padReading = pad;
-      this.#changed();
-    }
     const busy = this.held || performance.now() - this.changedAt < RECENT_MS;
     if (busy || this.ticks >= IDLE_TICKS) {
       this.ticks = 0;

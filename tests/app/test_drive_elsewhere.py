@@ -1,7 +1,7 @@
 """A console on another machine than its robot: router with TLS and accounts, robot process and console, each a real process."""
 
+import contextlib
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -52,14 +52,29 @@ class Network:
         for name, role in (("cobra", "robot"), ("anna", "driver"), ("wall", "viewer")):
             add_account(folder / "accounts.json", name, role, folder / f"{name}.account")
         self._between, self._robots = Site(folder / "router"), Site(folder / "robot")
+
+    def __enter__(self) -> "Network":
+        with contextlib.ExitStack() as stack:
+            self._start(stack)
+            self._ends = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends.close()
+
+    def _start(self, stack: contextlib.ExitStack) -> None:
+        self.router: subprocess.Popen[bytes] | None = None
+        stack.callback(lambda: _kill(self.router))
         self.route()
         self.robot = self._robots.run(
             "robot", "--twin", "ideal", "--router", self.endpoint, *self.access("cobra"), "--orphaned-after", "600"
         )
+        stack.callback(lambda: _kill(self.robot))
         entry = self._robots.folder / "robot-cobra.json"
         wait_for("the robot process", lambda: entry.exists() or self.robot.poll() is not None, 60.0)
         assert self.robot.poll() is None, self._robots.output.read_text()
         self.observer = Observer("cobra", msgspec.json.decode(entry.read_bytes(), type=Running).endpoint)
+        stack.callback(self.observer.close)
 
     def access(self, account: str) -> tuple[str, ...]:
         return ("--account", str(self.folder / f"{account}.account"), "--ca", str(self.folder / "ca.pem"))
@@ -72,14 +87,13 @@ class Network:
         wait_for("the router", lambda: "Routing on" in self._between.output.read_text()[before:], 60.0)
 
     def cut(self) -> None:
-        self.router.send_signal(signal.SIGKILL)
-        self.router.wait()
+        _kill(self.router)
 
-    def close(self) -> None:
-        self.observer.close()
-        for process in (self.robot, self.router):
-            process.kill()
-            process.wait()
+
+def _kill(process: "subprocess.Popen[bytes] | None") -> None:
+    if process is not None:
+        process.kill()
+        process.wait()
 
 
 class ConsoleElsewhere(Stack):
@@ -108,9 +122,8 @@ class ConsoleElsewhere(Stack):
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Network]:
-    network = Network(tmp_path_factory.mktemp("network"))
-    yield network
-    network.close()
+    with Network(tmp_path_factory.mktemp("network")) as network:
+        yield network
 
 
 def test_it_drives_stops_records_and_leaves_the_robot_running(network: Network) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from cobra.kinematics.compiled import CompiledKinematics
 from cobra.loading import load_description
-from tests.browser.conftest import ARGUMENTS, CHROMIUM
+from tests.browser.conftest import ARGUMENTS, CHROMIUM, polite_chromium
 from tests.stack import PadStack
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(300)]
@@ -46,9 +46,7 @@ def test_tick_jitter_and_latency(tmp_path):
     log = tmp_path / "frames.log"
     with PadStack(tmp_path, "--can-log", str(log)) as stack:
         stack.start()
-        browser = subprocess.Popen(
-            ["nice", "-n", "15", sys.executable, "-c", _OPEN_PAGE, CHROMIUM, stack.url, *ARGUMENTS]
-        )
+        browser = subprocess.Popen([sys.executable, "-c", _OPEN_PAGE, polite_chromium(tmp_path), stack.url, *ARGUMENTS])
         try:
             presses = _drive(stack)
         finally:

@@ -16,7 +16,7 @@ import pytest
 from app.link.listener import Listener
 from cobra.messages import Heard, Judged, decode
 from tests.benchmarks.test_main_job import FIRST_TENDON, POSITION
-from tests.browser.conftest import ARGUMENTS, CHROMIUM, PAD, without_scene
+from tests.browser.conftest import ARGUMENTS, CHROMIUM, PAD, polite_chromium, without_scene
 from tests.stack import Observer, Page, Stack, wait_for
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(300)]
@@ -164,7 +164,9 @@ def test_a_pad_in_chromium_to_the_frame(tmp_path: Path) -> None:
         sync_playwright() as playwright,
         traced(stack) as trace,
     ):
-        tab = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=ARGUMENTS).new_page()
+        tab = playwright.chromium.launch(
+            executable_path=polite_chromium(tmp_path), headless=True, args=ARGUMENTS
+        ).new_page()
         without_scene(tab.context)
         tab.add_init_script(PAD)
         tab.goto(stack.url)
@@ -195,7 +197,9 @@ def test_a_setpoint_to_the_pages_script(tmp_path):
 
     with Stack(tmp_path, "--frame-rate", "10") as stack, sync_playwright() as playwright:
         stack.start()
-        tab = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=ARGUMENTS).new_page()
+        tab = playwright.chromium.launch(
+            executable_path=polite_chromium(tmp_path), headless=True, args=ARGUMENTS
+        ).new_page()
         without_scene(tab.context)  # drawing in software is another matter
         tab.add_init_script(LISTEN)
         tab.goto(stack.url)

@@ -95,10 +95,10 @@ def apply(page: Any) -> None:
 def test_the_picture_lives_and_nothing_that_is_tried_there_drives(page: Any, session: FakeSession) -> None:
     page.get_by_test_id("pad-use-here").click()
     page.get_by_test_id("pad-setup-here").click()
-    move(page, 0.5, -1.0, 0.25, 0.0)
+    move(page, 0.5, -1.0, 0.2, 0.0)
     page.evaluate(f"press({LB}, true); press({A}, true); press(7, true)")
     shows(page, "left", 0.5, -1.0)
-    shows(page, "right", 0.25, 0.0)
+    shows(page, "right", 0.2, 0.0)
     expect(page.locator("#setup-picture .pull.rt")).to_have_attribute("width", "34.0")
     assert lit(page) == ["a", "left_shoulder"]
     page.keyboard.down("Space")
