@@ -59,8 +59,9 @@ def chromium(tmp_path_factory):
         if os.environ.get("CI"):
             pytest.fail("there is no Chromium in CI: .ci/run must install it")
         pytest.skip("there is no Chromium on this machine (install the package 'chromium')")
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=30_000)  # for what comes, however busy the machine is
     polite = polite_chromium(tmp_path_factory.mktemp("browser"))
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=polite, headless=True, args=ARGUMENTS)

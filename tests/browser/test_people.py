@@ -10,7 +10,6 @@ from tests.browser.conftest import PAD, without_scene
 from tests.stack import Stack, wait_for
 
 expect = pytest.importorskip("playwright.sync_api").expect
-expect.set_options(timeout=30_000)
 
 CALM = ("--twin", "ideal", "--frame-rate", "2")
 
