@@ -48,7 +48,7 @@ def polite_chromium(folder: Path) -> str:
         "setpriv --inh-caps=-sys_nice --bounding-set=-sys_nice " if shutil.which("setpriv") and not os.getuid() else ""
     )
     path = folder / "chromium"
-    path.write_text(f'#!/bin/sh\nexec nice -n 15 {humble}{CHROMIUM} "$@"\n')
+    path.write_text(f'#!/bin/sh\nexec nice -n 5 {humble}{CHROMIUM} "$@"\n')
     path.chmod(0o755)
     return str(path)
 

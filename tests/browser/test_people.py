@@ -51,13 +51,17 @@ def test_a_drive_by_keys_and_pad_watched_stopped_and_taken_over(chromium: Any, t
         stack.start()
         observer = stack.observer
         assert observer is not None
-        for name in ("anna", "vic"):
+
+        def page_of(name: str) -> Any:
             context = chromium.new_context(viewport={"width": 1280, "height": 720})
             context.set_default_timeout(60_000)
             without_scene(context)
             if name == "anna":
                 context.add_init_script(PAD)
-            tabs[name] = context.new_page()
+            return context.new_page()
+
+        for name in ("anna", "vic"):
+            tabs[name] = page_of(name)
             sign_in(tabs[name], stack, users[name])
         anna, vic = tabs["anna"], tabs["vic"]
 
@@ -137,9 +141,32 @@ def test_a_drive_by_keys_and_pad_watched_stopped_and_taken_over(chromium: Any, t
         anna.get_by_test_id("clear").click()
         observer.wait("cleared", lambda state: state.phase == "ready" and state.lease.holder == "anna")
 
-        # An administrator takes over, with a reason.
-        anna.get_by_test_id("sign-out").click()
-        expect(anna.get_by_test_id("sign-in")).to_be_visible()
+        # An administrator takes over in the middle of a drive; not without a reason, which everybody is told.
+        vic.context.close()
+        eve = tabs["vic"] = page_of("eve")
+        sign_in(eve, stack, users["eve"])
+        anna.evaluate("thePad.axes[0] = 0; press(4, false)")
+        driven(stack, keys_down, keys_up, lambda state: state.phase == "driving")
+        anna.keyboard.down("Space")
+        eve.get_by_test_id("controls-take").click()
+        eve.get_by_test_id("take-confirm").click()
+        expect(eve.get_by_test_id("take-confirm")).to_be_visible()
+        assert observer.state.lease.holder == "anna"
+        eve.get_by_test_id("take-reason").fill("she fell asleep")
+        eve.get_by_test_id("take-confirm").click()
+        state = observer.wait("the take-over", lambda state: state.lease.holder == "eve")
+        assert state.phase != "driving"
+        expect(anna.get_by_test_id("holder")).to_contain_text("eve has the controls")
+        anna.locator("#tab-events").click()
+        expect(anna.get_by_test_id("events")).to_contain_text("she fell asleep")
+        anna.keyboard.up("Space")
+        anna.keyboard.down("Space")
+        anna.wait_for_timeout(300)
+        assert observer.state.phase != "driving", "who lost the controls cannot drive"
+
+        # Who signs out lets go of everything.
+        eve.get_by_test_id("sign-out").click()
+        expect(eve.get_by_test_id("sign-in")).to_be_visible()
         observer.wait("free again", lambda state: state.lease.holder == "")
         for tab in tabs.values():
             tab.context.close()
