@@ -37,7 +37,7 @@ def choose(page: Page, mode: str) -> None:
     assert page.ask("mode", names.index(mode))["ok"]
 
 
-@pytest.mark.parametrize("robot", ["cobra", "cobra-active"])
+@pytest.mark.parametrize("robot", ["cobra", pytest.param("cobra-active", marks=pytest.mark.long)])
 def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot):
     with running(tmp_path, *CALM, robot=robot) as stack, Page(stack.url) as page:
         page.arm()
