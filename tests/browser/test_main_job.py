@@ -106,7 +106,7 @@ def stop_latches_until_it_is_cleared(tab, stack):
 def test_the_scene_is_drawn_and_nothing_fails_in_the_page(tab, tmp_path):
     errors = []
     tab.on("pageerror", lambda error: errors.append(str(error)))
-    with running(tmp_path) as stack:
+    with running(tmp_path, *CALM) as stack:
         tab.goto(stack.url)
         canvas = tab.frame_locator("#viewer").locator('canvas[data-engine^="three.js"]')
         canvas.wait_for()
