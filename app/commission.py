@@ -1,7 +1,6 @@
 """Commissioning from the command line: scan, identify, test, home, tare, calibrate. One line says what went wrong."""
 
 import contextlib
-import math
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -12,6 +11,7 @@ import msgspec
 from app import runtime
 from app.bus_routes import rerouted, route_of
 from app.calibrations import calibrations
+from app.commission_tables import cell_table, scan_table
 from app.simulated_robot import is_simulated, simulated
 from cobra.clock import SystemClock
 from cobra.control.drivetrain import Drivetrain
@@ -29,7 +29,7 @@ from cobra.motors.commissioning.drive_test import DriveTest
 from cobra.motors.commissioning.identify import DEGREES, LARGEST_DEGREES, Wiggle
 from cobra.motors.commissioning.procedure import AbortError
 from cobra.motors.commissioning.repeat import MOST_RUNS, RepeatedHoming
-from cobra.motors.commissioning.survey import PROTOCOL_TITLES, Found, compared, options_of, survey
+from cobra.motors.commissioning.survey import Found, compared, options_of, survey
 from cobra.motors.open_bus import open_bus
 from cobra.motors.rmd_probe import FoundDrive
 from cobra.simulation.options import Simulation
@@ -37,7 +37,6 @@ from cobra.simulation.options import Simulation
 BARE_BUS = "bus"
 V1_DEGREES = 30.0
 """Of the motor's own shaft, where the gear is not known."""
-SCAN_COLUMNS = ("bus", "id", "drive", "protocol", "model", "firmware", "temperature", "supply", "errors")
 
 
 class CommissionError(OperatorError):
@@ -96,7 +95,7 @@ def scan(where: Where) -> int:
             here, silent = compared(description, bus, survey(bus, clock, options_of(description, bus, clock)))
             found += here
             missing += [f"{name} on bus {bus.name}" for name in silent]
-    for line in _table(found):
+    for line in scan_table(found):
         print(line)
     if not found:
         print("nobody answers: check power, cable, bit rate and the termination (120 ohms at both ends)")
@@ -104,33 +103,6 @@ def scan(where: Where) -> int:
         print(f"described, but silent: {', '.join(missing)}")
     wrong = [f"{item.bus} {item.motor.address}: {item.complaint}" for item in found if item.drive and item.complaint]
     return 2 if missing or wrong or not found else 0
-
-
-def _table(found: list[Found]) -> Iterator[str]:
-    rows = [SCAN_COLUMNS, *(_row(item) for item in found)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(SCAN_COLUMNS))]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-
-
-def _row(item: Found) -> tuple[str, ...]:
-    motor = item.motor
-    told = (*motor.errors, *(f"{name} {words}" for name, words in motor.details.items() if words))
-    return (
-        item.bus,
-        str(motor.address),
-        item.drive or "-",
-        PROTOCOL_TITLES[motor.protocol],
-        motor.model or "-",
-        motor.firmware or "-",
-        _known(motor.temperature_C, "°C"),
-        _known(motor.voltage_V, "V"),
-        "; ".join(filter(None, (item.complaint, *told))) or "none",
-    )
-
-
-def _known(value: float, unit: str) -> str:
-    return "-" if math.isnan(value) else f"{value:.4g} {unit}"
 
 
 # ---------------------------------------------------------------- one motor and more
@@ -205,6 +177,7 @@ def home(where: Where, runs: int, leave: str) -> int:
         _run(bench, procedure)
         angle = bench.transmission.angle(bench.setpoint)
         travel = Drivetrain(description, bus).travel_of(Configuration(description).home())
+        beside = list(cell_table(description, bench.seen)) if bench.seen is not None else []
         if leave == "off":
             bus.disable()
         else:
@@ -220,6 +193,8 @@ def home(where: Where, runs: int, leave: str) -> int:
         print(f"tendon {name:8} zero within {value * 1e3:.2f} mm over {runs} runs")
     if spread:
         print(f"largest spread {max(spread.values()) * 1e3:.2f} mm")
+    for line in beside:
+        print(line)
     print(f"kept as calibration {kept.version} of {kept.date}; the drives {'are off' if leave == 'off' else 'hold'}")
     return 0
 

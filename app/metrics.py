@@ -126,6 +126,7 @@ def _robot(families: _Families, robot: str, state: RobotState, description: Robo
     for cell in state.cells:
         labels = {"robot": robot, "tendon": cell.tendon}
         gauge("load_cell_newtons", "Tension by a tendon's load cell; NaN while not believed.", cell.tension, **labels)
+        gauge("load_cell_current_newtons", "What the motor's current says beside it.", cell.from_current, **labels)
         gauge("load_cell_trouble", "1 while a load cell cannot be believed.", bool(cell.trouble), **labels)
     if description is not None:
         _drives(families, robot, state, description)

@@ -155,6 +155,8 @@ class Cell(Message, frozen=True, kw_only=True):
     tendon: str
     tension: float
     """[N]; NaN while it cannot be believed."""
+    from_current: float = math.nan
+    """[N] what the motor's current says, without the gear's friction as described."""
     reading: float
     """[N] by the described scale alone, neither tared nor calibrated; NaN until first heard."""
     age: float

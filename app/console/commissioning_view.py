@@ -16,10 +16,11 @@ class FoundState(TypedDict):
 
 
 class CellState(TypedDict):
-    """A tendon's load cell; `tension` and `reading` in N, `trouble` in words, empty for none."""
+    """A tendon's load cell; `tension`, `from_current` (the motor's) and `reading` in N, `trouble` in words, empty for none."""
 
     tendon: str
     tension: float | None
+    from_current: float | None
     reading: float | None
     trouble: str
 
@@ -49,7 +50,13 @@ def commissioning_state(state: RobotState | None) -> CommissioningState:
         found=[FoundState(drive=f.drive, check=f.check, ok=f.ok, words=f.words) for f in told.found],
         calibration=told.calibration,
         cells=[
-            CellState(tendon=c.tendon, tension=_number(c.tension), reading=_number(c.reading), trouble=c.trouble)
+            CellState(
+                tendon=c.tendon,
+                tension=_number(c.tension),
+                from_current=_number(c.from_current),
+                reading=_number(c.reading),
+                trouble=c.trouble,
+            )
             for c in state.cells
         ],
     )
@@ -85,4 +92,4 @@ def commissioning_request(what: str, value: int | None, text: str) -> tuple[Requ
 
 
 def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return round(value, 3) if math.isfinite(value) else None

@@ -1,4 +1,7 @@
-"""Notices load cells that cannot be believed any more: driving ends, people are told, and the currents stand in for them."""
+"""Notices load cells that cannot be believed any more: driving ends, people are told, and the currents stand in for them.
+
+Of every tendon with a cell it keeps what the current says beside it: the two disagree where one of them is wrong.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -6,8 +9,10 @@ import numpy as np
 
 from cobra.control.supervisor import Supervisor
 from cobra.description import RobotDescription
+from cobra.mechanics.losses import Losses
 from cobra.messages import Cell
-from cobra.motors.bus import CellReadings, Feedback
+from cobra.motors.bus import Feedback
+from cobra.motors.transmission import Floats, Transmission, without_gear_friction
 
 
 class CellWatch:
@@ -18,12 +23,19 @@ class CellWatch:
         self._supervisor = supervisor
         self._warn = warn
         self._believed = np.zeros(len(self._names), dtype=bool)
+        self._transmission = Transmission(description)
+        self._index = np.array(description.tendon_drives, dtype=np.intp)
+        self._friction_N = Losses.described(description).drive_friction_N
+        self._current_N: Floats = np.zeros(len(self._names))
 
     def step(self, feedback: Feedback | None) -> None:
         """Compare with the tick before."""
         if feedback is None or not len(feedback.cells.tension):
             return
         cells = feedback.cells
+        load = np.nan_to_num(self._transmission.load(feedback.current)[self._index])
+        speed = np.nan_to_num((feedback.velocity * self._transmission.travel_per_rad)[self._index])
+        self._current_N = without_gear_friction(self._current_N, load, speed, self._friction_N)
         believed = np.isfinite(cells.tension)
         lost = np.flatnonzero(self._believed & ~believed)
         self._believed = believed
@@ -35,18 +47,18 @@ class CellWatch:
                 )
             self._warn(f"{words}. Its tension comes from the motor's current until it is mended.")
 
+    def report(self, feedback: Feedback | None) -> tuple[Cell, ...]:
+        """The load cells, as everybody sees them."""
+        return tuple(self._each(feedback)) if feedback is not None else ()
 
-def cells_report(description: RobotDescription, cells: CellReadings) -> tuple[Cell, ...]:
-    """The load cells, as everybody sees them."""
-
-    def each() -> Iterator[Cell]:
+    def _each(self, feedback: Feedback) -> Iterator[Cell]:
+        cells = feedback.cells
         for i in np.flatnonzero(cells.fitted):
             yield Cell(
-                tendon=description.tendon_names[i],
+                tendon=self._names[i],
                 tension=float(cells.tension[i]),
+                from_current=float(self._current_N[i]),
                 reading=float(cells.raw[i]),
                 age=float(cells.age[i]),
                 trouble=cells.trouble[i],
             )
-
-    return tuple(each())

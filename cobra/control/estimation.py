@@ -14,9 +14,8 @@ from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Floats
 from cobra.mechanics.losses import Identified
 from cobra.mechanics.rubbing import Rubbing
+from cobra.motors.transmission import without_gear_friction
 
-MOVING_M_S = 5e-5
-"""Slower than this a drive may stand."""
 OUTSIDE_1_S = 1.0
 """At which moments from outside are found."""
 OUTSIDE_SHARE = 2.0
@@ -75,9 +74,7 @@ class Estimator:
         twist and feed."""
         losses, model = self._losses, self._model
         speed = velocity[self._index]
-        reading, rubs = load[self._index], losses.drive_friction_N
-        held = np.clip(self._motor, reading - rubs, reading + rubs)
-        felt = np.where(np.abs(speed) > MOVING_M_S, reading + rubs * np.sign(speed), held)
+        felt = without_gear_friction(self._motor, load[self._index], speed, losses.drive_friction_N)
         motor = np.maximum(np.where(np.isnan(measured), felt, measured), 0.0)
         shaft = travel[self._index]
         spool = np.clip(self.spool_m, shaft - losses.backlash_m / 2, shaft + losses.backlash_m / 2)

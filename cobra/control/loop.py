@@ -12,7 +12,7 @@ from cobra.clock import Clock
 from cobra.control.arming import Switching, arming_acts
 from cobra.control.arrivals import Arrivals
 from cobra.control.authority import Authority
-from cobra.control.cell_watch import CellWatch, cells_report
+from cobra.control.cell_watch import CellWatch
 from cobra.control.changes import Changes
 from cobra.control.commissioning import Commissioning
 from cobra.control.drivetrain import Drivetrain
@@ -257,7 +257,7 @@ class RobotLoop:
             bus=dict(self.drivetrain.bus.counts),
             timing=self._timing.tick(start_s, self.clock.now() - start_s - waited_s),
             tendons=self.tendons.report(),
-            cells=cells_report(self.description, self.drivetrain.feedback.cells) if self.drivetrain.feedback else (),
+            cells=self._cells.report(self.drivetrain.feedback),
             lock=self.locking.report(),
             commissioning=self.commissioning.report(),
             motion=self.motion.report(now),

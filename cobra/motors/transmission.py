@@ -41,3 +41,18 @@ class Transmission:
     def load(self, current: Floats) -> Floats:
         """Tendon tension or feed force [N], twist torque [N·m], from motor current [A]; friction is not taken off."""
         return current * self.load_per_A
+
+
+MOVING_M_S = 5e-5
+"""Slower than this a drive may stand."""
+
+
+def without_gear_friction(before_N: Floats, load_N: Floats, speed_m_s: Floats, friction_N: Floats) -> Floats:
+    """(m,) tension of tendons at their spools from the load that the motors' currents tell.
+
+    The gear's friction adds to it while the drive winds in and takes from it while it pays out; at rest it hides what it
+    can, so the tension from before stays as far as it may. Paying out is a positive speed.
+    """
+    held = np.clip(before_N, load_N - friction_N, load_N + friction_N)
+    turning = np.abs(speed_m_s) > MOVING_M_S
+    return np.maximum(np.where(turning, load_N + friction_N * np.sign(speed_m_s), held), 0.0)

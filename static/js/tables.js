@@ -1,6 +1,6 @@
 // Drives, health and events, behind the tabs.
 
-import { ago, byId, figure, make, setList, setText } from "./format.js";
+import { ago, byId, figure, make, setList, setProperty, setText } from "./format.js";
 
 const HOT = 0.5; // refresh period [s] of what people read rather than watch
 
@@ -30,6 +30,7 @@ export function tabs() {
 export class Tables {
   constructor() {
     this.rows = [];
+    this.cellRows = [];
     this.shownAt = -Infinity;
   }
 
@@ -38,6 +39,7 @@ export class Tables {
     if (now - this.shownAt < HOT) return;
     this.shownAt = now;
     this.#showDrives(state.drives);
+    this.#showCells(state.commissioning?.cells ?? []);
     showHealth(state);
     setList(byId("events"), state.events.map((event) => [event.level, `${ago(event.ago)} ago · ${event.text}`]));
     const alarms = state.events.filter((event) => event.level === "alarm" && event.ago < 60).length;
@@ -47,10 +49,7 @@ export class Tables {
   }
 
   #showDrives(drives) {
-    if (this.rows.length !== drives.length) {
-      this.rows = drives.map(() => make("tr", "", ...Array.from({ length: 7 }, () => make("td"))));
-      byId("drives").replaceChildren(...this.rows);
-    }
+    if (this.rows.length !== drives.length) this.rows = fresh("drives", drives.length, 7);
     drives.forEach((drive, i) => {
       const unit = drive.moves === "twist" ? "N·m" : "N";
       const cells = [
@@ -58,11 +57,35 @@ export class Tables {
         `${figure(drive.temperature, 0, 2)} °C`, `${figure(drive.voltage, 1, 4)} V`, `${figure(drive.age_ms, 0, 3)} ms`,
         drive.fault || silence(drive) || drive.warning || "fine",
       ];
-      cells.forEach((text, j) => setText(this.rows[i].children[j], text));
+      fill(this.rows[i], cells);
       this.rows[i].classList.toggle("bad", Boolean(drive.fault || silence(drive)));
       this.rows[i].classList.toggle("near", Boolean(drive.warning));
     });
   }
+
+  /** Two witnesses of one tension, side by side; where they disagree, one of them is wrong. */
+  #showCells(cells) {
+    setProperty(byId("cell-table"), "hidden", !cells.length);
+    if (this.cellRows.length !== cells.length) this.cellRows = fresh("cells", cells.length, 5);
+    cells.forEach((cell, i) => {
+      const apart = cell.tension === null || cell.from_current === null ? NaN : cell.tension - cell.from_current;
+      fill(this.cellRows[i], [
+        cell.tendon, ...[cell.tension ?? NaN, cell.from_current ?? NaN, apart].map((newtons) => `${figure(newtons, 1, 5)} N`),
+        cell.trouble || "fine",
+      ]);
+      this.cellRows[i].classList.toggle("bad", Boolean(cell.trouble));
+    });
+  }
+}
+
+function fresh(body, count, columns) {
+  const rows = Array.from({ length: count }, () => make("tr", "", ...Array.from({ length: columns }, () => make("td"))));
+  byId(body).replaceChildren(...rows);
+  return rows;
+}
+
+function fill(row, texts) {
+  texts.forEach((text, j) => setText(row.children[j], text));
 }
 
 // One lost reply is nothing; five in a row hold the robot.

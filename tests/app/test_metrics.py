@@ -65,12 +65,13 @@ def test_a_scrape_tells_what_the_state_says():
         timing=Timing(rate_Hz=100.0, period_p99=0.0104, late=1),
         drops={"old epoch": 4},
         bus={"late reply": 5},
-        cells=(Cell(tendon="S1", tension=math.nan, reading=0.0, age=9.0, trouble="silent"),),
+        cells=(Cell(tendon="S1", tension=math.nan, from_current=7.5, reading=0.0, age=9.0, trouble="silent"),),
     )
     seen = scraped(Robot(state))
     assert seen["tension_newtons", frozenset({"cobra", DESCRIPTION.tendon_names[3]})] == 12.5
     # A dead cell is no tension at all, not one of nothing.
     assert seen.get(("load_cell_newtons", frozenset({"cobra", "S1"}))) != 0.0
+    assert seen["load_cell_current_newtons", frozenset({"cobra", "S1"})] == 7.5
     assert seen["load_cell_trouble", frozenset({"cobra", "S1"})] == 1
     assert seen["phase", frozenset({"cobra", "holding"})] == 1
     assert seen["loop_period_seconds", frozenset({"cobra", "0.99"})] == 0.0104

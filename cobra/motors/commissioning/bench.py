@@ -10,7 +10,7 @@ import numpy as np
 from cobra.clock import Clock
 from cobra.description import Backbone, Bus, Drive, Motor, RobotDescription, Section, Teleop
 from cobra.motors.bus import MotorBus
-from cobra.motors.commissioning.procedure import AbortError, Bounds, Floats, Guard, Procedure, seen_of
+from cobra.motors.commissioning.procedure import AbortError, Bounds, Floats, Guard, Procedure, Seen, seen_of
 from cobra.motors.open_bus import SIMULATED
 from cobra.motors.rmd_probe import FoundDrive
 from cobra.motors.transmission import Transmission
@@ -44,6 +44,8 @@ class Bench:
         self._clock = clock
         self._period_s = 1.0 / description.teleop.loop_rate_Hz
         self.setpoint: Floats = np.zeros(len(description.drives))
+        self.seen: Seen | None = None
+        """What the drives said last in a procedure."""
 
     def enable(self) -> None:
         """Read where the drives stand and let them take setpoints. Raises AbortError with the reasons, BusError."""
@@ -76,7 +78,8 @@ class Bench:
                 if stop is not None and stop.is_set():
                     raise AbortError("it was stopped")
                 feedback = self._bus.exchange(self.transmission.angle(self.setpoint))
-                seen = seen_of(feedback, self.transmission, self._loads(feedback.current, feedback.cells.tension))
+                loads = self._loads(feedback.current, feedback.cells.tension)
+                seen = self.seen = seen_of(feedback, self.transmission, loads)
                 guard.check(self.setpoint, seen, self._period_s)
                 self.setpoint = procedure.step(self.setpoint, seen, self._period_s)
                 if procedure.progress != said:

@@ -1,9 +1,12 @@
 """What the page is told of load cells, and what it may ask for."""
 
+import math
+
 import pytest
 
-from app.console.commissioning_view import cell_warnings, commissioning_request
+from app.console.commissioning_view import cell_warnings, commissioning_request, commissioning_state
 from cobra.messages import Cell
+from tests.app.console.scene_fakes import state_of
 
 
 def cell(tendon: str, trouble: str = "") -> Cell:
@@ -33,3 +36,12 @@ def test_what_is_no_force_is_refused(text: str) -> None:
     request, refusal = commissioning_request("calibrate_cell", None, text)
     assert request is None
     assert "give newtons" in refusal
+
+
+def test_a_cell_is_shown_beside_what_its_motors_current_says() -> None:
+    believed = Cell(tendon="S1", tension=8.1, from_current=7.4, reading=8.5, age=0.0)
+    dead = Cell(tendon="E1", tension=math.nan, from_current=7.9, reading=math.nan, age=math.inf, trouble="silent")
+    first, second = commissioning_state(state_of(cells=(believed, dead)))["cells"]
+    assert (first["tension"], first["from_current"], first["trouble"]) == (8.1, 7.4, "")
+    # Not nothing: not known.
+    assert (second["tension"], second["from_current"], second["trouble"]) == (None, 7.9, "silent")

@@ -169,6 +169,8 @@ def test_tared_cells_are_believed_and_tell_tension_better_than_the_currents() ->
         measured = np.array([cell.tension for cell in state.cells])
         assert measured == pytest.approx(truth, abs=0.25)
         assert state.tendons.tension == pytest.approx(measured.tolist(), abs=0.2)
+        # Beside them what the currents say: the gears' friction, 2 N, is off, and what is left is no tendon's fault.
+        assert [cell.from_current for cell in state.cells] == pytest.approx(measured.tolist(), abs=0.6)
 
 
 def test_a_cell_that_dies_ends_the_drive_once_and_the_currents_stand_in() -> None:
