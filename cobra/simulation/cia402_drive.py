@@ -92,6 +92,10 @@ class Cia402Drive:
         own = {0x200 + self.address, SDO_REQUEST + self.address}
         return frozenset({0, SYNC, *own, *range(HEARTBEAT + 1, HEARTBEAT + 128)})
 
+    @property
+    def speaks(self) -> bool:
+        return True
+
     def slip(self, degrees: float) -> None:
         """The encoder slips on its shaft, by degrees of the output."""
         self._boot_rad += math.radians(degrees)

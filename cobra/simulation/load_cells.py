@@ -45,6 +45,10 @@ class LoadCellAmplifier:
         """It takes no orders."""
         return []
 
+    @property
+    def speaks(self) -> bool:
+        return True
+
     def unasked(self) -> list[Frame]:
         """Its frame, when it is due; what a stalled machine has missed is not made up for."""
         now = self._clock.now()

@@ -13,6 +13,10 @@ class Node(Protocol):
     def listens(self) -> frozenset[int]:
         """The ids it takes."""
 
+    @property
+    def speaks(self) -> bool:
+        """Whether it may ever send something unasked."""
+
     def hear(self, arbitration_id: int, data: bytes) -> list[Frame]:
         """Take a frame; what it answers."""
 

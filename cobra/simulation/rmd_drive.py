@@ -91,6 +91,11 @@ class RmdDrive:
     def listens(self) -> frozenset[int]:
         return frozenset({REQUEST_ID + self.address})
 
+    @property
+    def speaks(self) -> bool:
+        # v1 has no watchdog that could.
+        return self._output
+
     def hear(self, arbitration_id: int, data: bytes) -> list[Frame]:
         """The reply to its request; nothing to what it does not understand."""
         reply = self._answer(data)

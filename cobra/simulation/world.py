@@ -77,6 +77,13 @@ class World:
         self._load: Floats = np.zeros(len(motors))
         self.amplifiers = amplifiers(description, lambda: self._load, clock, np.random.default_rng([seed, 0xCE115]))
         """Of the load cells, by bus and name."""
+        self._speakers: tuple[tuple[str, str, Node], ...] = tuple(
+            (bus.name, name, node)
+            for bus in description.buses
+            for name, node in self.nodes_on(bus.name).items()
+            if node.speaks
+        )
+        """By bus and name; asked each time, as it must not take time for a drive to answer what it was just told."""
         self._time_s = clock.now()
         self._stepping_lock = threading.Lock()
         self._stopped = threading.Event()
@@ -136,10 +143,8 @@ class World:
             while self._time_s + CHUNK_S <= now_s + 5e-10 and not self._stopped.is_set():
                 self._step()
                 self._time_s += CHUNK_S
-            for drive, node in zip(self.description.drives, self.drives, strict=True):
-                self._say(drive.bus, drive.name, node.unasked())
-            for (bus, name), amplifier in self.amplifiers.items():
-                self._say(bus, name, amplifier.unasked())
+            for bus, name, node in self._speakers:
+                self._say(bus, name, node.unasked())
 
     def _step(self) -> None:
         torque = self._load * self._reaction * self._lost_motion.lever(self.servos.angle)
