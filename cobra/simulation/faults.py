@@ -117,16 +117,33 @@ class FaultDesk:
         return f"the encoder of {', '.join(names)} slipped by {degrees:g} degrees of the output shaft"
 
     def cut(self, words: list[str]) -> str:
+        names = self._on_tendons("break_tendon", words)
+        return f"the tendon of {', '.join(names)} is broken"
+
+    def loosen(self, words: list[str]) -> str:
+        millimetres = self._number(words, 1, 0.0, 1000.0, 20.0)
+        names = self._on_tendons("slip", words, millimetres / 1000.0)
+        return f"{millimetres:g} mm of the tendon of {', '.join(names)} came off its spool"
+
+    def snag(self, words: list[str]) -> str:
+        names = self._on_tendons("jam", words)
+        return f"the tendon of {', '.join(names)} is stuck in its conduit"
+
+    def _on_tendons(self, what: str, words: list[str], *amount: float) -> list[str]:
+        """Do something to the twin's tendons; the drives' names."""
         names = self._drives(words)
         for name in names:
             drive = self._description.drives[self._index(name)]
             if drive.tendon is None:
                 raise FaultError(f"drive {name!r} pulls no tendon")
-            break_tendon = getattr(self._world.plant, "break_tendon", None)
-            if break_tendon is None:
-                raise FaultError("this twin has no tendons that could break: start with --twin default")
-            break_tendon(drive.tendon)
-        return f"the tendon of {', '.join(names)} is broken"
+            act = getattr(self._world.plant, what, None)
+            if act is None:
+                raise FaultError("this twin has no tendons that could do so: start with --twin default")
+            try:
+                act(drive.tendon, *amount)
+            except ValueError as error:
+                raise FaultError(f"{error}: start with --twin default --losses nominal") from None
+        return names
 
     def undervoltage(self, words: list[str]) -> str:
         lowest = min(self._description.motor_of(drive).min_voltage_V for drive in self._description.drives)
@@ -156,7 +173,7 @@ class FaultDesk:
             amplifier.saturated.clear()
         for bus in self._description.buses:
             wire_of(self._channel, bus.name).faults = WireFaults()
-        return "all is well again, but for broken tendons and slipped encoders"
+        return "all is well again, but for what happened to tendons and encoders"
 
     # -- words --------------------------------------------------------------------------------------------------------
 
@@ -202,6 +219,8 @@ FAULTS = {
     "stall": _Fault("stall DRIVE|all", "the shaft is blocked", FaultDesk.stall),
     "overheat": _Fault("overheat DRIVE|all [°C]", "beyond its limit", FaultDesk.overheat),
     "break": _Fault("break DRIVE|all", "its tendon breaks", FaultDesk.cut),
+    "loosen": _Fault("loosen DRIVE|all [MM]", "so much of its tendon comes off its spool", FaultDesk.loosen),
+    "snag": _Fault("snag DRIVE|all", "its tendon is stuck in its conduit", FaultDesk.snag),
     "slip": _Fault("slip DRIVE|all [DEG]", "its encoder slips", FaultDesk.slip),
     "undervoltage": _Fault("undervoltage [V]", "of the supply of all", FaultDesk.undervoltage),
     "mute-cell": _Fault("mute-cell TENDON|all", "its load cell's amplifier is silent", FaultDesk.mute_cell),

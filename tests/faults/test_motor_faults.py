@@ -138,6 +138,24 @@ def test_a_tendon_near_its_highest_tension_slows_the_robot_and_is_named(on_pty: 
     on_pty.let_go()
 
 
+def test_a_tendon_that_goes_slack_stops_the_robot_is_named_and_is_well_once_it_is_homed(on_pty: Rig) -> None:
+    on_pty.ready()
+    on_pty.drive()
+    on_pty.drives.make("loosen E1 12")
+    state = on_pty.observer.wait("the hold", lambda state: state.phase == "holding")
+    assert "tendon E1" in state.cause
+    assert re.search("slack|off its spool|slipped", state.cause), state.cause
+    stands(on_pty)
+    on_pty.let_go()
+    on_pty.observer.wait("word from the robot", lambda state: state.phase in ("ready", "holding"))
+    assert on_pty.ask("home").ok
+    on_pty.observer.wait("homing", lambda state: state.phase == "homing")
+    state = on_pty.observer.wait("the end of homing", lambda state: state.phase != "homing", 60.0)
+    assert (state.phase, state.tendons.warnings) == ("ready", ()), state.cause
+    on_pty.drive()
+    on_pty.let_go()
+
+
 def test_a_broken_tendon_stops_the_robot_and_is_named(on_pty: Rig) -> None:
     on_pty.ready()
     on_pty.drive()
