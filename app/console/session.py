@@ -275,8 +275,9 @@ class ConsoleSession:
         return "The robot process is gone. The motors hold where they stand. Restart it, then arm again."
 
     def _shape(self, state: RobotState | None, section: int) -> dict[str, Any]:
-        """Bends, twist, feed and tip from the measured configuration."""
-        q = np.array(state.measured if state else self._layout.rest())
+        """Bends, twist, feed and tip from the measured configuration; nothing is known of a robot that is not homed."""
+        known = state is not None and state.homed
+        q = np.array(state.measured) if state is not None and known else np.full(self._layout.rest().shape, np.nan)
         sections = zip(self._description.sections, self._layout.bends, strict=True)
         bends = [
             Bend(
@@ -287,7 +288,7 @@ class ConsoleSession:
             )
             for section, where in sections
         ]
-        tip = self._backbone.tip(q)[:3, 3] * 1e3
+        tip = self._backbone.tip(q)[:3, 3] * 1e3 if known else np.full(3, np.nan)
         return {
             "bends": bends,
             "twist_deg": _number(math.degrees(q[TWIST])),

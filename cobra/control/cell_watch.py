@@ -45,6 +45,9 @@ class CellWatch:
                 self._supervisor.hold(
                     f"{words}. Its tension comes from the motor's current now. Let go, centre, press again to go on."
                 )
+            elif self._supervisor.phase == "homing":
+                # The current that takes its place has its gear's friction in it, which would be taken for tension.
+                self._supervisor.homing_failed(f"{words}. Home again: its tension comes from the motor's current then.")
             self._warn(f"{words}. Its tension comes from the motor's current until it is mended.")
 
     def report(self, feedback: Feedback | None) -> tuple[Cell, ...]:

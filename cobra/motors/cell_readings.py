@@ -16,8 +16,8 @@ from cobra.motors.load_cells import FORMATS, INTEGER_LIMITS, decode_reading
 
 STALE_PERIODS: Final = 4.0
 """A cell that missed so many of its frames is silent."""
-STALE_S: Final = 0.1
-"""At least: a busy machine may look late."""
+STALE_S: Final = 0.25
+"""At least: a busy machine may look late, and currents that stand in for a moment bring their gears' friction with them."""
 STUCK_READINGS: Final = 50
 """Exactly alike one after the other, from a cell whose described noise is more than a count, …"""
 STUCK_S: Final = 1.0

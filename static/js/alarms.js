@@ -22,6 +22,11 @@ export class Alarms {
     // Browsers let a page sound only after somebody has touched it.
     for (const kind of ["pointerdown", "keydown"]) window.addEventListener(kind, () => this.#wakeAudio(), { capture: true });
     setInterval(() => this.#beep(), BEEP_EVERY_MS);
+    // What else lies over the 3D view begins below them.
+    new ResizeObserver(([box]) => {
+      const height = box.borderBoxSize[0].blockSize;
+      byId("alarms").parentElement.style.setProperty("--alarms", `${height ? height + 10 : 0}px`);
+    }).observe(byId("alarms"), { box: "border-box" });
   }
 
   /** Take the alarms among the robot's events; those from before this page was opened are history. */

@@ -28,7 +28,7 @@ export class Commissioning {
     this.open.type = "button";
     this.open.dataset.testid = "commission-open";
     this.open.addEventListener("click", () => this.#show(true));
-    byId("panel-drives").append(this.open);
+    byId("panel-drives").prepend(this.open);
     this.panel = this.#build();
     document.querySelector(".view").append(this.panel);
   }

@@ -108,16 +108,18 @@ export function showBar(id, value, range, text) {
   const bar = byId(id);
   setText(byId(`${id}-value`), text);
   const [low, high] = range;
-  const share = Number.isFinite(value) ? Math.min(1, Math.max(0, (value - low) / (high - low))) : 0;
+  const known = Number.isFinite(value);
+  const zero = Math.min(1, Math.max(0, -low / (high - low)));
+  const centred = bar.classList.contains("centred");
+  const share = known ? Math.min(1, Math.max(0, (value - low) / (high - low))) : centred ? zero : 0;
   const fill = bar.firstElementChild;
-  if (bar.classList.contains("centred")) {
-    const zero = Math.min(1, Math.max(0, -low / (high - low)));
+  if (centred) {
     setStyle(fill, "left", percent(Math.min(zero, share)));
     setStyle(fill, "width", percent(Math.abs(share - zero)));
   } else {
     setStyle(fill, "width", percent(share));
   }
-  setAttribute(bar, "data-level", share >= 0.995 || share <= 0.005 ? "at" : "");
+  setAttribute(bar, "data-level", known && (share >= 0.995 || share <= 0.005) ? "at" : "");
   setAttribute(bar, "aria-label", `${id} ${text}, range ${figure(low)} to ${figure(high)}`);
 }
 

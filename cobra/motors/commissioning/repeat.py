@@ -3,8 +3,10 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
+from cobra.motors.bus import CellReadings
 from cobra.motors.commissioning.procedure import AbortError, Bounds, Floats, Seen
 from cobra.motors.homing import TIMEOUT_S, Homing, HomingError
 
@@ -23,6 +25,7 @@ class RepeatedHoming:
         self._runs = runs
         self._index = np.array(description.tendon_drives, dtype=np.intp)
         self._homing = Homing(description, bending)
+        self._believed: NDArray[np.bool_] | None = None
         self.travels: list[Floats] = []
         """Setpoints (drives,) at the end of each run."""
         self.name = "homing"
@@ -46,6 +49,7 @@ class RepeatedHoming:
 
     def step(self, setpoint: Floats, seen: Seen, dt_s: float) -> Floats:
         """As `Procedure.step`."""
+        self._check_cells(seen.feedback.cells)
         try:
             target = self._homing.step(setpoint, seen.load, seen.speed, dt_s)
         except HomingError as error:
@@ -55,3 +59,12 @@ class RepeatedHoming:
             if not self.done:
                 self._homing = Homing(self._description, self._bending)
         return target
+
+    def _check_cells(self, cells: CellReadings) -> None:
+        """A current that takes a cell's place on the way has another zero: its gear's friction is in it."""
+        now = np.isfinite(cells.tension)
+        if self._believed is None:
+            self._believed = now
+        if np.any(lost := self._believed & ~now):
+            i = int(np.argmax(lost))
+            raise AbortError(f"load cell of tendon {self._description.tendon_names[i]}: {cells.trouble[i]}")

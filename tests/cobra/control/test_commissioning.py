@@ -197,6 +197,24 @@ def test_a_cell_that_dies_ends_the_drive_once_and_the_currents_stand_in() -> Non
         assert state.phase == "driving"
 
 
+def test_a_cell_that_dies_while_homing_ends_it_instead_of_shifting_a_zero() -> None:
+    with Bench(0, description=replace(COBRA, load_cells=CELLS)) as bench:
+        attend(bench)
+        assert ask(bench, "tare")[0]
+        until_over(bench)
+        assert bench.home(0.5).phase == "homing"
+        FaultDesk(CHANNEL).make("mute-cell S1")
+        state = attend(bench, 40)
+        assert state.phase == "holding"
+        assert "load cell of tendon S1: silent" in state.cause
+        assert ask(bench, "home_repeatedly", value=1.0)[0]
+        attend(bench, 40)
+        FaultDesk(CHANNEL).make("mute-cell E1")
+        state = until_over(bench)
+        assert (state.phase, state.homed) == ("holding", False)
+        assert "load cell of tendon E1: silent" in state.commissioning.words
+
+
 def restarted(bench: Bench, book: CalibrationBook) -> None:
     """A robot process that has just been started anew, while the drives kept their power."""
     bench.loop = RobotLoop(
