@@ -30,7 +30,7 @@ def cell_table(description: RobotDescription, seen: Seen) -> Iterator[str]:
     # What winds in bears its gear's friction on top of the tension.
     drawn_in = Transmission(description).load(seen.feedback.current)[index]
     current = drawn_in - Losses.described(description).drive_friction_N
-    rows = [CELL_COLUMNS]
+    rows: list[tuple[str, ...]] = [CELL_COLUMNS]
     for i in fitted.tolist():
         apart = cells.tension[i] - current[i]
         rows.append(
