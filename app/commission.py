@@ -88,11 +88,14 @@ def scan(where: Where) -> int:
     found: list[Found] = []
     missing: list[str] = []
     if (bus := where.bare_bus()) is not None:
-        found = [Found(bus.channel, motor) for motor in survey(bus, clock, bus.options)]
+        with realtime(LOOP_PRIORITY):
+            found = [Found(bus.channel, motor) for motor in survey(bus, clock, bus.options)]
     else:
         description = where.description()
         for bus in description.buses:
-            here, silent = compared(description, bus, survey(bus, clock, options_of(description, bus, clock)))
+            with realtime(LOOP_PRIORITY):
+                motors = survey(bus, clock, options_of(description, bus, clock))
+            here, silent = compared(description, bus, motors)
             found += here
             missing += [f"{name} on bus {bus.name}" for name in silent]
     for line in scan_table(found):
@@ -155,7 +158,7 @@ def test(where: Where, motors: Sequence[str]) -> int:
 def off(where: Where) -> int:
     """Take the torque off all motors of a robot."""
     description = where.description()
-    with open_bus(description, SystemClock()) as bus:
+    with realtime(LOOP_PRIORITY), open_bus(description, SystemClock()) as bus:
         bus.disable()
     print(f"all drives of {description.name} are off")
     return 0

@@ -149,6 +149,11 @@ class Tendon(_Part, frozen=True, kw_only=True):
     conduit_bend_deg: NonNegative = 0.0
     """All the bends between the drive and the active segment together, whatever their direction."""
 
+    dither_share: Annotated[float, Meta(gt=0, le=0.8)] = 0.4
+    """Homing: the tendons are pulled to and fro by so much of the pretension, until friction favours none."""
+    dither_cycles: Annotated[int, Meta(ge=0, le=20)] = 5
+    """How often; 0 leaves that out. Where nothing rubs along the tendons, it is left out too."""
+
     @property
     def conduit_bend_rad(self) -> float:
         return math.radians(self.conduit_bend_deg)

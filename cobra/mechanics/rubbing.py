@@ -72,12 +72,19 @@ class Rubbing:
         """(m,) of each tendon over conduit and path"""
         answer = self.slopes.T @ (self.stiffness_N_m[:, None] * self.slopes)
         self._inverse = np.linalg.inv(answer) if len(answer) else answer
+        self._dithered = bool(robot.tendon and robot.tendon.dither_cycles)
         self.reset(np.zeros(len(self.slopes)))
 
     def reset(self, motor_N: Floats) -> None:
-        """Straight, at these tensions (m,) at the motors, everything drawn in last, as homing leaves it."""
+        """Straight, at these tensions (m,) at the motors, as homing leaves it: everything drawn in last.
+
+        Where it has pulled to and fro, the far end keeps what is left of that, the mean along the tendon.
+        """
         along = np.cumprod(np.concatenate([np.ones((len(motor_N), 1)), 1.0 / self._capstan], axis=1), axis=1)
         own = np.arange(along.shape[1]) < self._counts[:, None]
+        if self._dithered:
+            share = np.where(own, 1.0 / self._element, 0.0)
+            along = np.maximum(along, np.sum(along * share, axis=1, keepdims=True) / share.sum(axis=1, keepdims=True))
         self._state = np.where(own, motor_N[:, None] * along / self._element, 0.0)
         self.bends = np.zeros(len(self.columns))
         """(c,) in balance"""

@@ -23,6 +23,9 @@ CHANNEL_ERRORS: Final = (can.CanError, OSError, ValueError, ImportError, NotImpl
 """What python-can's interfaces raise when a channel cannot be opened or is gone."""
 SEND_TIMEOUT_S: Final = 0.005
 """An interface may wait so long for room in its transmit queue; more than a burst takes on the wire at 1 Mbit/s."""
+SERIAL_SEND_TIMEOUT_S: Final = {"slcan": 0.25}
+"""Its driver counts the time in which this process is not scheduled, and gives up what it has just written: on a busy machine
+5 ms would lose an adapter that is well."""
 MAX_STALE_FRAMES: Final = 4096
 """Frames thrown away at once; a flood must not keep the loop from its work."""
 MAX_GARBLED: Final = 64
@@ -70,6 +73,7 @@ class Channel:
         self._broken = ""
         self._warning = ""
         self._reopener: _Reopener | None = None
+        self._send_timeout_s = SERIAL_SEND_TIMEOUT_S.get(bus.interface, SEND_TIMEOUT_S)
         self._drain_wait_s = DRAIN_WAIT_S.get(bus.interface, 0.0)
         self._frames = 0
         self._sampled_frames = self._sampled_bits = 0
@@ -136,7 +140,7 @@ class Channel:
         began_s = self.clock.now()
         while True:
             try:
-                bus.send(message, SEND_TIMEOUT_S)
+                bus.send(message, self._send_timeout_s)
                 break
             except CHANNEL_ERRORS as error:
                 # A kernel queue shorter than a burst drains as the frames go out.

@@ -3,6 +3,7 @@
 So a lost adapter is noticed where every other is, frames are counted and logged like all others, and tests need no sleep.
 """
 
+import logging
 from collections.abc import Callable
 from typing import Final
 
@@ -13,6 +14,9 @@ from canopen.sdo.client import SdoClient
 from cobra.motors.channel import MAX_STALE_FRAMES, Channel
 from cobra.motors.cia402_frames import EMERGENCY, HEARTBEAT, SDO_REPLY
 from cobra.motors.cia402_objects import object_dictionary
+
+# What goes wrong is told in one line by whoever asks; the package would tell it a second time, in its own words.
+logging.getLogger("canopen").setLevel(logging.CRITICAL)
 
 SDO_TIMEOUT_S: Final = 0.05
 """A drive may take so long for a single answer."""

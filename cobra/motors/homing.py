@@ -1,9 +1,9 @@
-"""Find the zero of every tendon: pay out, wind to contact, let go, draw in together, tighten; take that as zero.
+"""Find the zero of every tendon: pay out, wind to contact, let go, draw in together, tighten, dither; take that as zero.
 
 Current alone is a poor witness (a jammed spool draws some too), so contact needs tension and a drive at rest for a hold
 time, and travel and time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
 tendons are let go until the body is straight, and drawn in together: then all slide the same way, and equal tensions
-keep it straight. Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
+keep it straight, if their conduits are alike. For those that are not, all are pulled to and fro (`dither`). Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
 tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
 """
 
@@ -12,7 +12,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from cobra.description import RobotDescription
+from cobra.description import RobotDescription, Tendon
+from cobra.motors.dither import Dither
 from cobra.motors.pretension import pretension_shares
 from cobra.motors.seating import Seating, has_stop
 from cobra.motors.settling import Settling
@@ -61,7 +62,11 @@ EVENING_S = 0.1
 """In which the difference of a tendon's tension to the others' is found, and again in which it is wound away."""
 EVENING_SHARE = 0.7
 """Of the tightening speed: so every tendon is always wound in."""
-TIMEOUT_S = 25.0
+LEAST_STRETCH_M = 1e-4
+"""Of tendons that hardly stretch."""
+PULL_MARGIN = 0.6
+"""Of the pretension, beyond the amplitude: no tendon is pulled harder while they are pulled to and fro."""
+TIMEOUT_S = 30.0
 CONTACT_COUNTS = 2.5
 """A rise of the current by fewer counts is no contact. Between counts, where rounding decides nothing."""
 
@@ -76,6 +81,7 @@ class _Stage(Enum):
     LET_GO = "letting go"
     DRAW = "drawing all tendons in"
     TIGHTEN = "tightening to pretension"
+    DITHER = "pulling to and fro until friction has settled"
     SETTLE = "settling at pretension"
     SEAT = "pulling together to the stop"
     FREE = "letting go of the stop"
@@ -113,6 +119,9 @@ class Homing:
         """What each drive reads while it winds a slack tendon: friction, not tension."""
         self._readings: list[Floats] = []
         self._count_N = np.array([_count_N(description, i) for i in self._index])
+        self._bending = bending
+        self._dither: Dither | None = None
+        self._tightened_from = 0.0
         self._settling = None if _rubs(description) else Settling(bending, float(np.max(self._count_N, initial=0.0)))
         self._seating = Seating(description) if has_stop(description) else None
         self._stroke_m = float(self._seating.stroke_m.max()) if self._seating else 0.0
@@ -152,6 +161,12 @@ class Homing:
                 self._draw(reading - self._free, pretension, dt_s)
             case _Stage.TIGHTEN:
                 self._tighten(reading - self._free, pretension, dt_s)
+            case _Stage.DITHER if self._dither is not None:
+                self._check_pull(reading - self._free, pretension * (1.0 + self._tendon.dither_share + PULL_MARGIN))
+                self._target[self._index] += self._shares * self._dither.step(reading - self._free, dt_s)
+                if self._dither.done:
+                    self._tightening = LEAST_SPEED_M_S
+                    self._stage = _Stage.TIGHTEN
             case _Stage.SETTLE if self._settling is not None:
                 missing = self._shares * (pretension - (reading - self._free))
                 self._target[self._index] += self._settling.step(pretension - missing, pretension, dt_s)
@@ -231,12 +246,17 @@ class Homing:
         self._good = self._good + 1 if there else 0
         if self._good >= GOOD_READINGS:
             self._stage = _Stage.TIGHTEN
+            self._tightened_from = float(np.mean(self._target[self._index]))
 
     def _tighten(self, tension: Floats, pretension: float, dt_s: float) -> None:
         """All by their share of a length; those that rub a little more or less, until each carries its share."""
         level = float(np.mean(tension))
         missing = pretension - level
         if missing <= 0.0:
+            if self._settling is None and self._dither is None and self._tendon and self._tendon.dither_cycles:
+                self._dither = self._made_dither(self._tendon)
+                self._stage = _Stage.DITHER
+                return
             self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
             return
         # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
@@ -244,12 +264,28 @@ class Homing:
         speed = min(missing * self._compliance / APPROACH_S, WIND_SPEED_M_S, self._tightening)
         more = np.zeros_like(tension)
         if self._settling is None:
+            # Beyond what a dither has evened out, the readings of tendons wound in differ by their conduits alone.
+            evens = self._dither is None
             speed = min(speed, (1.0 - LIGHT_FRACTION) * pretension * self._compliance / RUBBING_RISE_S)
             # While it rises, a reading steps from count to count, and its mean is finer than a count.
             self._uneven += (tension - level - self._uneven) * dt_s / EVENING_S
             most = EVENING_SHARE * speed
-            more = np.clip(-self._uneven * self._compliance / EVENING_S, -most, most)
+            more = np.clip(-self._uneven * self._compliance / EVENING_S, -most, most) * evens
         self._target[self._index] -= (max(speed, LEAST_SPEED_M_S) + more) * dt_s * self._shares
+
+    def _check_pull(self, tension: Floats, most: float) -> None:
+        worst = int(np.argmax(tension))
+        if tension[worst] > most:
+            raise HomingError(
+                f"tendon {self._names[worst]} carries {tension[worst] * self._shares[worst]:.0f} N while all are pulled to and "
+                f"fro, {most * self._shares[worst]:.0f} N at most: is it jammed?"
+            )
+
+    def _made_dither(self, tendon: Tendon) -> Dither:
+        """By lengths, as far as the tendons have just been seen to stretch."""
+        wound = self._tightened_from - float(np.mean(self._target[self._index]))
+        amplitude = max(wound, LEAST_STRETCH_M) * tendon.dither_share / (1.0 - LIGHT_FRACTION)
+        return Dither(amplitude, tendon.dither_cycles, self._compliance, self._bending)
 
 
 def _rubs(description: RobotDescription) -> bool:

@@ -79,6 +79,7 @@ def virtual_adapter(name: str) -> Iterator[None]:
             thread.join()
 
 
+@pytest.mark.long
 def test_any_interface_of_python_can_will_do(capsys: pytest.CaptureFixture[str]) -> None:
     with virtual_adapter("commission"):
         adapter = ("--interface", "virtual", "--channel", "commission")
@@ -105,14 +106,39 @@ def test_a_described_robot_is_compared_with_who_answers(
     status, out, _ = teleop(capsys, "motors", "test", "twist", *route)
     assert status == 0, out
     assert "went right, then left by 2.0 degrees" in out
-    # Nothing hangs on these spools: that is said, and where to look.
-    status, out, _ = teleop(capsys, "motors", "test", "S1", *route)
-    assert status == 2
-    assert "30.0 mm wound in without tension" in out
     status, _, err = teleop(capsys, "motors", "home", *route)
     assert status == 2
     assert "drive 'feed' (address 30 on bus 'main'" in err
     assert "does not answer" in err
+
+
+def test_drives_of_cia_402_are_found_tested_and_switched_off(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    text = description_text("cobra").replace('protocol = "rmd-v1"', 'protocol = "cia402"')
+    robot = tmp_path / "cobra.toml"
+    robot.write_text(text.replace("encoder_bits = 14", "encoder_bits = 12"), "utf-8")
+    drives = Drives(tmp_path, "--robot", str(robot), "--slcan", "tcp:0", "--twin", "none")
+    try:
+        adapter = f"{drives.channels['main']}?sleep_after_open=0"
+        route = ("--robot", str(robot), "--bus", f"main=slcan:{adapter}")
+        status, out, err = teleop(capsys, "motors", "scan", *route)
+        assert status == 0, out + err
+        assert [line.split()[2:5] for line in out.splitlines()[1:3]] == [["S1", "CiA", "402"], ["E1", "CiA", "402"]]
+        assert len(out.splitlines()) == 15
+        status, out, err = teleop(capsys, "motors", "test", "feed", *route)
+        assert status == 0, out + err
+        assert "went in, then out by 3.0 mm" in out
+        drives.make("overheat E1 95")
+        status, out, err = teleop(capsys, "motors", "test", "E1", *route)
+        assert status == 2
+        assert "E1" in err
+        assert "95" in err or "temperature" in err
+        drives.make("heal")
+        status, out, err = teleop(capsys, "motors", "off", *route)
+        assert (status, out, err) == (0, "all drives of cobra are off\n", "")
+    finally:
+        drives.end()
 
 
 def test_a_fault_on_the_way_ends_it_in_one_line(served: Drives, capsys: pytest.CaptureFixture[str]) -> None:
