@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from cobra.loading import description_text, load_description
+from tests.browser.conftest import without_scene
 from tests.stack import Stack
 
-pytestmark = pytest.mark.long
+# A dozen steps of real drives in real time take a minute.
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
 
 TENDONS = load_description("cobra").tendon_names
 CELL = """
@@ -37,12 +39,15 @@ def shot(tab, folder: Path, name: str) -> None:
 
 
 def test_a_driver_is_led_through_all_steps(stack: Stack, tab, tmp_path: Path) -> None:
+    without_scene(tab.context)
     tab.goto(stack.url)
     by = tab.get_by_test_id
     observer = stack.observer
     assert observer is not None
     tab.get_by_role("tab", name="Drives").click()
     by("commission-open").click()
+    # Nobody knows its shape before it is homed, and none is shown.
+    assert tab.locator("#bends output").first.inner_text().startswith("–")
     assert by("commission-motors").locator("li.good").count() == 14
     shot(tab, tmp_path, "1-motors")
 
@@ -79,6 +84,9 @@ def test_a_driver_is_led_through_all_steps(stack: Stack, tab, tmp_path: Path) ->
     by("stop").click()
     observer.wait("the stop", lambda state: state.phase == "stopped")
     by("commission").get_by_text("STOP").first.wait_for()
+    # Nor is the head of the steps behind the alarm that it raises.
+    alarms, panel = by("alarms").bounding_box(), by("commission").bounding_box()
+    assert panel["y"] >= alarms["y"] + alarms["height"]
     shot(tab, tmp_path, "6-stopped")
     by("clear").click()
     observer.wait("the way", lambda state: state.phase == "holding")
@@ -94,3 +102,9 @@ def test_a_driver_is_led_through_all_steps(stack: Stack, tab, tmp_path: Path) ->
     shot(tab, tmp_path, "8-done")
     by("commission-close").click()
     assert by("commission").is_hidden()
+    # Beside the drives: what each cell measures, what its motor's current says, and how far they are apart.
+    rows = by("cells").locator("tbody tr")
+    assert rows.count() == len(TENDONS)
+    cell, current = (float(rows.first.locator("td").nth(k).inner_text().split()[0]) for k in (1, 2))
+    assert abs(cell - 8.0) < 1.0
+    assert abs(current - cell) < 2.5
