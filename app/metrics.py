@@ -37,6 +37,7 @@ class Metrics(Collector):
         describe: a robot's description, which names its drives; None while it is not known.
         counts: what was refused or dropped by this console, by reason.
         people: how many are connected, by what they look at ("pages", "views", "walls").
+        trips: round trips of commands to robots that are driven from here, by their names [s].
     """
 
     def __init__(
@@ -45,11 +46,13 @@ class Metrics(Collector):
         describe: Callable[[str], RobotDescription | None],
         counts: Callable[[], Mapping[str, int]],
         people: Callable[[], Mapping[str, int]],
+        trips: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
         self._robots = robots
         self._describe = describe
         self._counts = counts
         self._people = people
+        self._trips = trips
         self._registry = CollectorRegistry()
         self._registry.register(self)
 
@@ -63,6 +66,8 @@ class Metrics(Collector):
             families.gauge("connected", "People connected, by what they look at.", number, at=at)
         for reason, number in self._counts().items():
             families.counter("refused", "What this console refused or dropped.", number, reason=reason)
+        for name, seconds in self._trips().items():
+            families.gauge("command_round_trip_seconds", "From console to robot and back.", seconds, robot=name)
         for name, robot in self._robots().items():
             state, age = robot.latest(), robot.age()
             families.gauge("robot_up", "1 while the robot process is there.", robot.present, robot=name)

@@ -202,7 +202,11 @@ class Console:
             recorder=recorder,
         )
         metrics = Metrics(
-            lambda: {description.name: robot}, lambda name: description, lambda: door.counts, lambda: door.people
+            lambda: {description.name: robot},
+            lambda name: description,
+            lambda: door.counts,
+            lambda: door.people,
+            lambda: {description.name: driver.lag_s},
         )
         door = FrontDoor(
             options.host,

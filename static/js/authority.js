@@ -22,7 +22,7 @@ export class Authority {
     const mine = seat.shared ? lease.holder === facts.user || !lease.holder : seat.page === page;
     const driver = facts.role !== "viewer";
     setText(byId("holder"), mine && asking.length ? `${asking[0]} asks for the controls` : holderText(state, mine, facts));
-    byId("holder").title = peopleText(state.people);
+    byId("holder").title = [byId("holder").textContent, peopleText(state.people)].filter(Boolean).join(". ");
     const rows = [];
     if (connected && driver && !(seat.shared && mine)) {
       if (mine) {

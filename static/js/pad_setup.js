@@ -162,6 +162,7 @@ export class PadSetup {
         option.value = BUTTONS[i];
       });
     }
+    byId("exchange-b").value = "b";
     byId("exchange").addEventListener("click", () => {
       const [a, b] = [byId("exchange-a").value, byId("exchange-b").value];
       const of = (name) => this.draft.assign[name] ?? name;

@@ -135,6 +135,15 @@ byId("stop").addEventListener("keydown", (event) => {
   if (!event.repeat) stop();
 });
 
+// A dialog takes every click: one on STOP is a STOP all the same, as the button is still to be seen.
+for (const dialog of document.querySelectorAll("dialog")) {
+  dialog.addEventListener("pointerdown", (event) => {
+    const { left, right, top, bottom } = byId("stop").getBoundingClientRect();
+    const there = event.clientX >= left && event.clientX <= right && event.clientY >= top && event.clientY <= bottom;
+    if (event.target === dialog && there) stop();
+  });
+}
+
 byId("quit").addEventListener("click", () => {
   driving.end();
   byId("quit-dialog").showModal();

@@ -43,7 +43,11 @@ class Robot:
 def scraped(robot: Robot) -> dict[tuple[str, frozenset[str]], float]:
     """Samples by name and label values, read back with Prometheus' own parser."""
     metrics = Metrics(
-        lambda: {"cobra": robot}, lambda name: DESCRIPTION, lambda: {"no session": 3}, lambda: {"pages": 1}
+        lambda: {"cobra": robot},
+        lambda name: DESCRIPTION,
+        lambda: {"no session": 3},
+        lambda: {"pages": 1},
+        lambda: {"cobra": 0.014},
     )
     return {
         (sample.name.removeprefix("cobra_teleop_"), frozenset(sample.labels.values())): sample.value
@@ -75,6 +79,7 @@ def test_a_scrape_tells_what_the_state_says():
     assert seen["load_cell_trouble", frozenset({"cobra", "S1"})] == 1
     assert seen["phase", frozenset({"cobra", "holding"})] == 1
     assert seen["loop_period_seconds", frozenset({"cobra", "0.99"})] == 0.0104
+    assert seen["command_round_trip_seconds", frozenset({"cobra"})] == 0.014
     assert seen["commands_dropped_total", frozenset({"cobra", "old epoch"})] == 4
     assert seen["frames_unusable_total", frozenset({"cobra", "late reply"})] == 5
     assert seen["events_total", frozenset({"cobra", "alarm"})] == 2

@@ -377,6 +377,16 @@ def test_escape_stops_from_inside_the_3d_view_and_from_a_dialog(page: Any, sessi
     session.wait(lambda: session.requests == ["stop"] * 2)
 
 
+def test_stop_is_seen_and_acts_beside_an_open_dialog(page: Any, session: FakeSession) -> None:
+    page.get_by_test_id("quit").click()
+    x, y = centre(page, "stop")
+    page.mouse.click(x, y)
+    session.wait(lambda: session.requests == ["stop"])
+    page.mouse.click(x - 400, y + 300)  # elsewhere behind the dialog nothing is pressed
+    page.get_by_test_id("quit-cancel").press("Enter")
+    assert session.requests == ["stop"]
+
+
 def test_stop_by_keyboard_alone(page: Any, session: FakeSession) -> None:
     page.get_by_test_id("stop").focus()
     page.keyboard.press("Enter")

@@ -116,7 +116,8 @@ def test_the_picture_lives_and_nothing_that_is_tried_there_drives(page: Any, ses
     session.wait(lambda: len(session.received) > count + 5)
     assert not session.held
     page.evaluate(f"press({LB}, false)")
-    session.wait(lambda: session.newest.device == DEVICE)
+    count = len(session.received)
+    session.wait(lambda: len(session.received) > count + 5)  # it was seen to be up
     page.evaluate(f"press({LB}, true)")
     session.wait(lambda: session.held)
     assert session.newest.left == (0.5, -1.0)
@@ -154,6 +155,8 @@ def test_dead_zone_expo_inversion_exchange_and_assignment_are_kept_for_the_devic
     page.get_by_test_id("pad-use-here").click()
     move(page, 0.0, 0.0, 0.0, 0.0)
     session.wait(lambda: session.newest.device == DEVICE)
+    count = len(session.received)
+    session.wait(lambda: len(session.received) > count + 5)  # it was seen to be up
     page.evaluate(f"press({LB}, true)")
     session.wait(lambda: session.held)
     move(page, 0.0, 0.5, 0.0, 0.0)
