@@ -32,6 +32,12 @@ POLICY = "; ".join(
 )
 """The operator's page runs and shows only what comes from here, and nobody can frame it under false buttons."""
 
+PAGE_HEADERS = {
+    "content-security-policy": POLICY,
+    # With no-referrer browsers hide the Origin of a posted form, and the doorkeeper would refuse to sign anybody out.
+    "referrer-policy": "same-origin",
+    "cache-control": "no-cache",
+}
 _COUNTING = re.compile(r"[0-9]{1,9}")
 
 
@@ -40,7 +46,7 @@ def page_route(path: str, file: str) -> Route:
     content = static_folder() / file
 
     async def page(request: Request) -> Response:
-        return FileResponse(content, headers={"content-security-policy": POLICY, "cache-control": "no-cache"})
+        return FileResponse(content, headers=PAGE_HEADERS)
 
     return Route(path, page)
 

@@ -146,8 +146,16 @@ def test_a_drive_by_keys_and_pad_watched_stopped_and_taken_over(chromium: Any, t
         eve = tabs["vic"] = page_of("eve")
         sign_in(eve, stack, users["eve"])
         anna.evaluate("thePad.axes[0] = 0; press(4, false)")
-        driven(stack, keys_down, keys_up, lambda state: state.phase == "driving")
-        anna.keyboard.down("Space")
+
+        def anna_drives() -> bool:
+            keys_up()
+            anna.wait_for_timeout(150)
+            anna.keyboard.down("Space")
+            with contextlib.suppress(AssertionError):
+                observer.wait("driving", lambda state: state.phase == "driving", 2.0)
+            return observer.state.phase == "driving"
+
+        wait_for("the drive", anna_drives, 60.0)
         eve.get_by_test_id("controls-take").click()
         eve.get_by_test_id("take-confirm").click()
         expect(eve.get_by_test_id("take-confirm")).to_be_visible()
