@@ -1,6 +1,7 @@
 """A robot description in words: degrees of freedom, tendons, reach, bus load, and what is assumed."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -10,13 +11,18 @@ from cobra.description import RobotDescription
 from cobra.kinematics.configuration import Configuration
 from cobra.kinematics.workspace import reachable_tips
 from cobra.loading import assumed_numbers
+from cobra.mechanics.losses import load
 from cobra.motors.bus_load import channel_load
 
 REACH_SHAPES = 20_000
 
 
 def explain(description: RobotDescription) -> Iterator[str]:
-    """Lines for people."""
+    """Lines for people.
+
+    Raises:
+        LossesError: the loss parameters that it names cannot be used.
+    """
     d = description
     yield f"{d.title}: {d.summary}" if d.summary else d.title
     bends = 2 * len(d.active_sections)
@@ -52,6 +58,8 @@ def explain(description: RobotDescription) -> Iterator[str]:
             f"Bus {bus.name}: {bus.interface} {bus.channel}, {bus.bitrate // 1000} kbit/s, {len(drives)} drives "
             f"({', '.join(protocols)}), {channel_load(d, bus).load:.0%} busy at {d.teleop.loop_rate_Hz:.0f} Hz."
         )
+    if d.compensation and d.compensation.parameters:
+        yield f"Compensation: numbers from {load(Path(d.compensation.parameters), d).source} ({d.compensation.parameters})."
     assumed = assumed_numbers(d)
     count = sum(1 for _ in msgspec.to_builtins(d.provenance.given))
     if count:

@@ -169,7 +169,7 @@ class Compensation(_Part, frozen=True, kw_only=True):
 
     enabled: bool = True
     parameters: str = ""
-    """File that `cobra-teleop identify friction` wrote; without one the description's numbers are taken."""
+    """File that `cobra-teleop identify friction` wrote, beside this one; without one the description's numbers are taken."""
 
 
 class Motor(_Part, frozen=True, kw_only=True):

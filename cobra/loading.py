@@ -31,7 +31,8 @@ def load_description(name_or_path: str | Path) -> RobotDescription:
     Raises:
         DescriptionError: the file is missing or not TOML, or a key is unknown, missing, of the wrong type or impossible.
     """
-    return parse_description(description_text(name_or_path), _label(name_or_path))
+    description = parse_description(description_text(name_or_path), _label(name_or_path))
+    return description if _is_preset(name_or_path) else _beside(description, Path(name_or_path).parent)
 
 
 def parse_description(text: str, label: str) -> RobotDescription:
@@ -75,6 +76,15 @@ def description_text(name_or_path: str | Path) -> str:
         raise DescriptionError(
             f"{name_or_path}: cannot be read ({reason}); give a file or one of the robots {', '.join(robot_names())}"
         ) from None
+
+
+def _beside(description: RobotDescription, folder: Path) -> RobotDescription:
+    """Files that a description names lie beside it, wherever it is read from."""
+    wanted = description.compensation
+    if wanted is None or not wanted.parameters:
+        return description
+    beside = msgspec.structs.replace(wanted, parameters=str(folder / wanted.parameters))
+    return msgspec.structs.replace(description, compensation=beside)
 
 
 def _is_preset(name_or_path: str | Path) -> bool:

@@ -110,6 +110,7 @@ class FakeSession:
             "tendons": {"compensation": "none", "words": "", "warnings": []},
             "tip_mm": [41.2, -18.7, 262.4],
             "tensions": [2.0 + 28.0 * (1 + math.sin(i)) for i in range(12)],
+            "profiles": [],
             "tension_limits": {"min": 0.5, "max": 60.0},
             "drives": [
                 {

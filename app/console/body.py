@@ -73,6 +73,8 @@ class Body:
         )
         self._circle = unit_circle(detail.sides)
         self._segment_rings, self._offsets, self.segment_tendon = self._tendon_segments()
+        self._segment_places = (self._segment_rings[:, 0] + 0.5) / detail.rings
+        """(segments,) in sections from the base."""
 
     @property
     def tube_faces(self) -> Indices:
@@ -107,6 +109,14 @@ class Body:
         """Vertices (rings · sides, 3) of the tube alone, with all radii scaled: the ghost of the commanded shape."""
         shape = self.backbone.poses_at(q, self._arc_lengths(q)[0])
         return sweep(shape.positions, shape.rotations, scale * self._radii, self._circle)
+
+    def tensions_along(self, profile: Floats) -> Floats:
+        """Tension of each segment (segments,) [N], of profiles (m, n + 1) [N] at the port and the end of each section."""
+        section = self._segment_places.astype(np.int64)
+        share = self._segment_places - section
+        before, after = profile[self.segment_tendon, section], profile[self.segment_tendon, section + 1]
+        out: Floats = before + share * (after - before)
+        return out
 
     def _arc_lengths(self, q: Floats) -> tuple[Floats, Floats, Floats]:
         """Arc lengths of the tube's rings, of those between which the tendons run, and of the vertebrae [m].

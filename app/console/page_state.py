@@ -209,6 +209,8 @@ class Snapshot(TypedDict):
     tip_mm: list[Number]
     tensions: list[Number]
     """In the order of `Welcome.tendons` [N]; without the gears' friction, once it is homed."""
+    profiles: list[list[Number]]
+    """Along each tendon [N]: at motor, port and the end of each section that it passes; empty where that is not known."""
     tendons: "TendonsState"
     tension_limits: TensionLimits
     drives: list[DriveState]

@@ -101,4 +101,8 @@ class RobotKeeper:
 
     def _last_words(self) -> str:
         lines = self.log_file.read_text("utf-8", errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"the robot process ended without a word; see {self.log_file}"
+        return (
+            lines[-1].removeprefix("cobra-teleop: ")
+            if lines
+            else f"the robot process ended without a word; see {self.log_file}"
+        )

@@ -136,13 +136,17 @@ class Scene:
         return q
 
     def _tensions(self, state: RobotState) -> Floats:
+        """Of each drawn segment [N]: it falls along the tendon where that is known."""
         count = len(self._description.drives)
         for name in state.drives.__struct_fields__:
             entries = len(getattr(state.drives, name))
             # A recording of an older version lacks what was added since.
             if entries != count and (entries or name not in LATER):
                 raise BadStateError(f"drives.{name}: {entries} entries, {count} are needed")
-        return np.array(tensions_of(self._description, state), dtype=float)
+        profile, m, n = state.tendons.profile, len(self._description.tendon_names), len(self._description.sections)
+        if len(profile) == m and all(len(row) == n + 2 for row in profile):
+            return self.body.tensions_along(np.array(profile, dtype=float).reshape(m, n + 2)[:, 1:])
+        return np.array(tensions_of(self._description, state), dtype=float)[self.body.segment_tendon]
 
     def _draw(self, pose: Pose, stamp: float) -> None:
         self._tube.vertices = single(pose.tube)
@@ -172,7 +176,7 @@ class Scene:
         tendon = self._description.tendon
         if self._tendons is None or tendon is None:
             return
-        colors = appearance.linear(appearance.tension_colors(tensions, tendon.max_tension_N))[self.body.segment_tendon]
+        colors = appearance.linear(appearance.tension_colors(tensions, tendon.max_tension_N))
         self._tendons.colors = np.stack([colors, colors], axis=1)
 
     def _set_live(self, live: bool, notice: str) -> None:
@@ -186,7 +190,7 @@ class Scene:
         self._tube.color = appearance.TUBE if live else appearance.STALE
         self._vertebrae.batched_colors = self._vertebra_colors(live)
         if not live and self._tendons is not None:
-            self._color_tendons(np.full(len(self._description.tendon_names), np.nan))
+            self._color_tendons(np.full(len(self.body.segment_tendon), np.nan))
         self._frame = 0
 
     def _show_rigidity(self, status: Rigidity) -> None:

@@ -316,7 +316,7 @@ class ConsoleSession:
             {"min": d.tendon.min_tension_N, "max": d.tendon.max_tension_N} if d.tendon else {"min": 0.0, "max": 0.0}
         )
         if state is None or drives is None:
-            return {"drives": [], "tensions": [], "tension_limits": limits}
+            return {"drives": [], "tensions": [], "profiles": [], "tension_limits": limits}
         return {
             "drives": [
                 DriveState(
@@ -334,6 +334,7 @@ class ConsoleSession:
                 for i, drive in enumerate(d.drives)
             ],
             "tensions": [_number(tension) for tension in tensions_of(d, state)],
+            "profiles": [[round(n, 1) for n in row if math.isfinite(n)] for row in state.tendons.profile],
             "tension_limits": limits,
         }
 

@@ -5,6 +5,7 @@ Values come from the description, from a file that a calibration wrote, or from 
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,14 @@ from numpy.typing import NDArray
 
 from cobra.description import RobotDescription
 from cobra.errors import OperatorError
+from cobra.plausible import MAX_CAPSTAN, MAX_FRICTION, MODULUS_RANGE_Pa
 
 Floats = NDArray[np.float64]
 
 DESCRIBED_SPREAD = 0.3
 """Numbers of a description are within this share of the robot's, by experience."""
+TABLES = ("losses", "deviation")
+"""Of a file of loss parameters, beside where they come from."""
 ASSUMED_SETTLING_S = 0.3
 """No description says how fast a section straightens when it is let go."""
 
@@ -113,18 +117,19 @@ def from_text(text: str, description: RobotDescription, label: str) -> Identifie
     """Read what `to_text` wrote.
 
     Raises:
-        LossesError: it is not TOML, a number is missing, not finite or negative, or it belongs to another robot.
+        LossesError: it is not TOML, a key is missing or unknown, a number is not finite, negative or contradicts physics,
+            or it belongs to another robot.
     """
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise LossesError(f"{label}: not valid TOML: {error}") from None
+    _only(tree, ("source", *TABLES), label)
     shape = Losses.described(description)
-    return Identified(
-        _losses(tree.get("losses"), shape, f"{label}: losses", positive=True),
-        _losses(tree.get("deviation"), shape, f"{label}: deviation", positive=False),
-        str(tree.get("source", label)),
-    )
+    losses, deviation = (_losses(tree.get(table), shape, f"{label}: {table}", table == "losses") for table in TABLES)
+    for complaint in _implausible(losses, description):
+        raise LossesError(f"{label}: losses.{complaint}")
+    return Identified(losses, deviation, str(tree.get("source", label)))
 
 
 def load(path: Path, description: RobotDescription) -> Identified:
@@ -141,6 +146,7 @@ def load(path: Path, description: RobotDescription) -> Identified:
 def _losses(tree: Any, like: Losses, label: str, positive: bool) -> Losses:
     if not isinstance(tree, dict):
         raise LossesError(f"{label}: missing; write the file with `cobra-teleop identify friction --out FILE`")
+    _only(tree, [field.name for field in fields(Losses)], label)
     parts: dict[str, Any] = {}
     for field in fields(Losses):
         key = f"{label}.{field.name}"
@@ -148,7 +154,7 @@ def _losses(tree: Any, like: Losses, label: str, positive: bool) -> Losses:
             raise LossesError(f"{key}: missing; it must be given")
         expected = np.asarray(getattr(like, field.name))
         try:
-            value = np.asarray(tree[field.name], dtype=np.float64)
+            value = _numbers(tree[field.name])
         except (TypeError, ValueError):
             raise LossesError(f"{key} = {tree[field.name]!r}: must be numbers") from None
         if value.shape != expected.shape:
@@ -162,6 +168,46 @@ def _losses(tree: Any, like: Losses, label: str, positive: bool) -> Losses:
     return Losses(**parts)
 
 
+def _numbers(value: Any) -> Floats:
+    """Raises TypeError or ValueError for what is no number or list of numbers."""
+    given = np.asarray(value)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(value)
+    return given.astype(np.float64)
+
+
+def _only(tree: dict[str, Any], known: Sequence[str], label: str) -> None:
+    for key in tree:
+        if key not in known:
+            raise LossesError(f"{label}: unknown key {key!r}; there are {', '.join(known)}")
+
+
+def _implausible(losses: Losses, d: RobotDescription) -> list[str]:
+    """What contradicts physics: key, value, reason. The same bounds as a description's."""
+    out = []
+    low, high = (modulus * math.pi * d.tendon.diameter_m**2 / 4 if d.tendon else 0.0 for modulus in MODULUS_RANGE_Pa)
+    if d.tendon and not low <= losses.axial_stiffness_N <= high:
+        out.append(
+            f"axial_stiffness_N = {losses.axial_stiffness_N:g}: a tendon {1e3 * d.tendon.diameter_m:g} mm thin, of whatever "
+            f"material, has {low:.3g} to {high:.3g} N"
+        )
+    if losses.hole_friction > MAX_FRICTION:
+        out.append(
+            f"hole_friction = {losses.hole_friction:g}: a coefficient of friction; must be at most {MAX_FRICTION:g}"
+        )
+    if losses.conduit_capstan > MAX_CAPSTAN:
+        out.append(
+            f"conduit_capstan = {losses.conduit_capstan:g}: the conduit would lose the factor "
+            f"exp({losses.conduit_capstan:.1f}) of the tension and the tendon be stuck; must be at most {MAX_CAPSTAN:g}"
+        )
+    if np.any(losses.radius_m > (radius := d.backbone.diameter_m / 2)):
+        out.append(
+            f"radius_m = {losses.radius_m.tolist()}: tendons run inside the body; must be at most {radius:g}, half of its "
+            "diameter"
+        )
+    return out
+
+
 def _plain(losses: Losses) -> dict[str, Any]:
     values = {field.name: getattr(losses, field.name) for field in fields(Losses)}
     return {name: value.tolist() if isinstance(value, np.ndarray) else float(value) for name, value in values.items()}
@@ -169,6 +215,6 @@ def _plain(losses: Losses) -> dict[str, Any]:
 
 def _toml(values: dict[str, Any]) -> str:
     lines = [f"source = {msgspec.json.encode(values['source']).decode()}"]
-    for table in ("losses", "deviation"):
+    for table in TABLES:
         lines += ["", f"[{table}]", *(f"{name} = {value}" for name, value in values[table].items())]
     return "\n".join(lines) + "\n"

@@ -1,21 +1,19 @@
 // Bends as dials, twist and feed as bars, tensions as columns: each with its limits.
 
-import { byId, figure, make, setAttribute, setStyle, setText } from "./format.js";
+import { byId, figure, make, setAttribute, setProperty, setStyle, setText } from "./format.js";
+import { Profile } from "./profile.js";
+import { rampColour } from "./ramp.js";
 
 const NEAR = 0.85; // of a limit
 const AT = 0.97;
 const DIAL = 44;
-
-// Tension's colour as a share of its limit, the same as in the 3D view.
-const RAMP = [
-  [0, 62, 104, 214], [0.12, 64, 150, 224], [0.4, 72, 196, 150], [0.72, 236, 180, 64], [1, 236, 62, 52],
-];
 
 export class Instruments {
   constructor() {
     this.dials = [];
     this.columns = [];
     this.facts = null;
+    this.profile = new Profile(byId("tensions"), byId("profile"));
   }
 
   welcome(facts) {
@@ -23,12 +21,18 @@ export class Instruments {
     const groups = [];
     this.columns = facts.tendons.map((name) => {
       const fill = make("i");
+      const end = make("b");
       const value = make("output");
-      const column = make("div", "column", value, make("div", "shaft", fill), make("span", "", name));
+      const column = make("div", "column", value, make("div", "shaft", fill, end), make("span", "", name));
+      column.tabIndex = 0;
+      column.setAttribute("role", "group");
+      column.setAttribute("aria-label", `Tendon ${name}`);
+      column.setAttribute("aria-describedby", "profile");
       groups.push(column);
-      return { column, fill, value };
+      return { column, fill, end, value };
     });
     byId("tensions").replaceChildren(...groups);
+    this.profile.welcome(facts, groups);
     byId("tensions").closest("section").hidden = facts.tendons.length === 0;
     byId("bends").hidden = facts.bending.length === 0;
     showRow("twist", facts.limits.twist_deg);
@@ -52,7 +56,9 @@ export class Instruments {
     const limit = state.tension_limits?.max ?? this.facts.max_tension_N;
     const friction = state.tendons?.compensation === "none" ? " with the gears' friction" : "";
     setText(byId("tension-limit"), `N${friction}, limit ${figure(limit)} N`);
-    this.columns.forEach((column, i) => showTension(column, state.tensions[i], limit));
+    const profiles = state.profiles ?? [];
+    this.columns.forEach((column, i) => showTension(column, state.tensions[i], profiles[i]?.at(-1), limit));
+    this.profile.snapshot(profiles, limit);
   }
 
   #buildDials(bends) {
@@ -123,7 +129,8 @@ export function showBar(id, value, range, text) {
   setAttribute(bar, "aria-label", `${id} ${text}, range ${figure(low)} to ${figure(high)}`);
 }
 
-function showTension({ column, fill, value }, tension, limit) {
+/** A column as high as the tension at the motor, with a line across it where the tension is at the tendon's end. */
+function showTension({ column, fill, end, value }, tension, atEnd, limit) {
   const known = Number.isFinite(tension);
   const share = known ? Math.min(1, Math.max(0, tension / limit)) : 0;
   // The columns are 44 pixels high: what is less than half of one is not drawn anew.
@@ -132,6 +139,8 @@ function showTension({ column, fill, value }, tension, limit) {
   setStyle(fill, "background", known ? rampColour(shown) : "");
   setAttribute(column, "data-level", level(share));
   setText(value, figure(tension, tension < 99.95 ? 1 : 0, 4));
+  setProperty(end, "hidden", !Number.isFinite(atEnd));
+  setStyle(end, "bottom", percent(Math.round(100 * Math.min(1, (atEnd || 0) / limit)) / 100));
 }
 
 /** To a tenth: about a quarter of a pixel. */
@@ -141,11 +150,4 @@ function percent(share) {
 
 function level(share) {
   return share >= AT ? "at" : share >= NEAR ? "near" : "";
-}
-
-function rampColour(share) {
-  const after = Math.max(1, RAMP.findIndex(([stop]) => stop >= share));
-  const [from, to] = [RAMP[after - 1], RAMP[after]];
-  const part = (share - from[0]) / (to[0] - from[0]);
-  return `rgb(${[1, 2, 3].map((i) => Math.round(from[i] + part * (to[i] - from[i]))).join(" ")})`;
 }

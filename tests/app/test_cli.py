@@ -1,5 +1,6 @@
 """Claims about the command line: complete help, one clear line for what is wrong, and no traceback."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -8,11 +9,18 @@ import pytest
 
 from app.cli import COMMANDS
 from app.runtime import free_port, port_holder
+from cobra.loading import description_text, load_description
+from cobra.mechanics.losses import described, to_text
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "app", *arguments], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "app", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, **environment},
     )
 
 
@@ -53,6 +61,21 @@ def test_check_explains_the_robot_in_words():
     assert "12 drives" not in words
     assert "14 drives" in words
     assert "assumed" in words
+
+
+def test_loss_parameters_lie_beside_the_description_and_are_refused_with_the_reason_when_they_cannot_be(tmp_path):
+    good = to_text(described(load_description("cobra")))
+    robot, losses = tmp_path / "mine.toml", tmp_path / "losses.toml"
+    robot.write_text(f'{description_text("cobra")}\n[compensation]\nparameters = "losses.toml"\n', "utf-8")
+    losses.write_text(good.replace("the description", "a sweep"), "utf-8")
+    assert f"Compensation: numbers from a sweep ({losses})." in run("check", str(robot)).stdout
+    losses.write_text(good.replace("axial_stiffness_N = ", "axial_stiffness_N = -", 1), "utf-8")
+    start = ("--robot", str(robot), "--no-open", "--no-pad", "--port", "0")
+    for arguments in (("check", str(robot)), start):
+        answer = run(*arguments, COBRA_TELEOP_RUNTIME_DIR=str(tmp_path))
+        assert answer.returncode == 2
+        reason = f"cobra-teleop: {losses}: losses.axial_stiffness_N = -10180.0: must be finite and not negative\n"
+        assert answer.stderr == reason
 
 
 def test_a_busy_port_names_its_holder_and_the_next_free_one_is_found():

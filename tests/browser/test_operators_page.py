@@ -125,6 +125,29 @@ def test_numbers_carry_their_units(page: Any) -> None:
     expect(page.get_by_test_id("tensions").locator("output").first).to_have_text("30.0")
 
 
+def test_the_tension_along_a_tendon_is_shown_beside_its_column_when_looked_at(page: Any, session: FakeSession) -> None:
+    columns, card = page.get_by_test_id("tensions").locator(".column"), page.get_by_test_id("profile")
+    columns.nth(4).hover()
+    expect(card).to_be_hidden()  # not known before homing
+    session.changes.update(
+        profiles=[[20.0, 16.0, 15.0]] * 4 + [[30.0, 24.0, 22.0, 20.5]] * 4 + [[9.0, 8.0, 7.0, 6.0, 5.0]] * 4
+    )
+    for column, name, rows in (
+        (4, "S2", ["motor 30.0 N", "port 24.0 N", "end of base 22.0 N", "end of middle 20.5 N"]),
+        (11, "W3", ["motor 9.0 N", "port 8.0 N", "end of base 7.0 N", "end of middle 6.0 N", "end of tip 5.0 N"]),
+    ):
+        columns.nth(column).hover()
+        expect(card).to_be_visible()
+        said = [re.sub(r"\s+", " ", row) for row in card.locator("p").all_inner_texts()]
+        assert said == [f"Tendon {name}, along its way", *rows]
+    # The mark in the column is where the tension is at the tendon's end.
+    assert columns.nth(4).locator("b").evaluate("mark => mark.style.bottom") == "34%"
+    page.mouse.move(5, 5)
+    expect(card).to_be_hidden()
+    columns.nth(0).focus()
+    expect(card.locator("p").first).to_have_text("Tendon S1, along its way")
+
+
 def test_unknown_numbers_are_dashes(page: Any, session: FakeSession) -> None:
     session.changes.update(tip_mm=[None, None, None], twist_deg=None, tensions=[None] * 12, timing={})
     expect(page.locator("#tip-x")).to_have_text(re.compile(r"x\s+– mm"))

@@ -9,6 +9,7 @@ import viser
 from app.console import appearance
 from app.console.scene import GHOST_SCALE, MESSAGES_PER_FRAME, TRAIL_S, BadStateError, Scene
 from app.console.surroundings import first_camera, up_direction
+from cobra.messages import Tendons
 from tests.app.console.scene_fakes import (
     COBRA,
     bend_of,
@@ -134,6 +135,24 @@ def test_a_tendons_colour_is_that_of_its_own_drive(server, scene):
         colors = node(server, "/tendons").colors.astype(int)
         warm = (colors[:, :, 0] > colors[:, :, 2]).all(axis=1)
         np.testing.assert_array_equal(warm, scene.body.segment_tendon == i, err_msg=name)
+
+
+def test_a_tendon_is_drawn_cooler_where_friction_has_taken_its_tension_away(server, scene):
+    limit, drop = COBRA.tendon.max_tension_N, 0.8
+    ends = np.array([0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2])
+    rows = [[limit, *limit * drop ** np.arange(1.0, 3.0 + end), *[math.nan] * (2 - end)] for end in ends]
+    for frame in range(3):
+        tendons = Tendons(tension=(limit,) * 12, profile=tuple(tuple(row) for row in rows))
+        scene.update(state_of(stamp=1000.0 + frame, tendons=tendons))
+    colors = node(server, "/tendons").colors[:, 0].astype(int)
+    warmth = colors[:, 0] - colors[:, 2]
+    for i, end in enumerate(ends):
+        own = warmth[scene.body.segment_tendon == i]
+        assert (np.diff(own) <= 0).all()
+        assert own[0] > own[-1], COBRA.tendon_names[i]
+        # It ends as warm as the tension there.
+        last = appearance.linear(appearance.tension_colors(np.array([rows[i][2 + end]]), limit))[0].astype(int)
+        assert own[-1] == pytest.approx(last[0] - last[2], abs=6)
 
 
 def test_colours_grow_warmer_with_tension_and_no_further_beyond_the_limit():
