@@ -5,6 +5,7 @@ pytest -m benchmark -s tests/benchmarks/test_bus_rates.py
 
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -23,6 +24,7 @@ from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import world_of
 from tests.crowd import Crowd
 from tests.page_fakes import cookie_of
+from tests.served import Drives
 from tests.stack import Page, running
 
 pytestmark = pytest.mark.benchmark
@@ -124,17 +126,27 @@ def test_100_cycles_a_second_stay_under_60_percent(capsys: pytest.CaptureFixture
     assert r.load < 0.60
 
 
-def test_jitter_beside_the_console_and_five_viewers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The program as a user starts it, homed and standing on its twin, which computes in the robot process too."""
-    with running(tmp_path) as stack, Page(stack.url) as page:
+@pytest.mark.parametrize("drives", ["in the robot process", "a process of their own"])
+def test_jitter_beside_the_console_and_five_viewers(
+    drives: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program as a user starts it, homed and standing; as with hardware, the drives need not share its process."""
+    with ExitStack() as open_now:
+        routes: list[str] = []
+        if drives == "a process of their own":
+            served = Drives(tmp_path, "--slcan", "tcp:0")
+            open_now.callback(served.end)
+            routes = ["--bus", f"main=slcan:{served.channels['main']}?sleep_after_open=0"]
+        stack = open_now.enter_context(running(tmp_path, *routes))
+        page = open_now.enter_context(Page(stack.url))
         page.arm()
-        with Crowd(stack.url, cookie_of(urlsplit(stack.url).port or 0), 5):
-            time.sleep(WATCHED_S)  # the loop's timing is of its last seconds
-            assert stack.observer is not None
-            timing = stack.observer.state.timing
+        open_now.enter_context(Crowd(stack.url, cookie_of(urlsplit(stack.url).port or 0), 5))
+        time.sleep(WATCHED_S)  # the loop's timing is of its last seconds
+        assert stack.observer is not None
+        timing = stack.observer.state.timing
     jitter = timing.period_p99 - 0.01
     with capsys.disabled():
-        print(f"\n100 Hz beside console and five viewers: jitter p99 {1e3 * jitter:.3f} ms, ", end="")
+        print(f"\n100 Hz beside console and five viewers, drives {drives}: jitter p99 {1e3 * jitter:.3f} ms, ", end="")
         print(
             f"longest period {1e3 * timing.period_max:.2f} ms, computation p99 {1e3 * timing.compute_p99:.2f} ms, ",
             end="",
