@@ -62,8 +62,8 @@ EVENING_S = 0.1
 """In which the difference of a tendon's tension to the others' is found, and again in which it is wound away."""
 EVENING_SHARE = 0.7
 """Of the tightening speed: so every tendon is always wound in."""
-LEAST_STRETCH_M = 1e-4
-"""Of tendons that hardly stretch."""
+STRETCHES = 0.25
+"""Of the described stretch: tendons that stretch less than that are not pulled to and fro, it would be too hard."""
 PULL_MARGIN = 0.6
 """Of the pretension, beyond the amplitude: no tendon is pulled harder while they are pulled to and fro."""
 TIMEOUT_S = 30.0
@@ -253,11 +253,12 @@ class Homing:
         level = float(np.mean(tension))
         missing = pretension - level
         if missing <= 0.0:
-            if self._settling is None and self._dither is None and self._tendon and self._tendon.dither_cycles:
+            if self._settling is None and self._dither is None and self._tendon is not None:
                 self._dither = self._made_dither(self._tendon)
+            if self._dither is not None and not self._dither.done:
                 self._stage = _Stage.DITHER
-                return
-            self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
+            else:
+                self._stage = _Stage.SETTLE if self._settling else _Stage.DONE
             return
         # Tendons may be far stiffer than described (the ideal twin's are): begin slowly, so that one step is no shock.
         self._tightening *= TIGHTENING_GROWTH
@@ -281,10 +282,13 @@ class Homing:
                 f"fro, {most * self._shares[worst]:.0f} N at most: is it jammed?"
             )
 
-    def _made_dither(self, tendon: Tendon) -> Dither:
-        """By lengths, as far as the tendons have just been seen to stretch."""
+    def _made_dither(self, tendon: Tendon) -> Dither | None:
+        """By lengths, as far as the tendons have just been seen to stretch; None where it is not wanted or too hard."""
         wound = self._tightened_from - float(np.mean(self._target[self._index]))
-        amplitude = max(wound, LEAST_STRETCH_M) * tendon.dither_share / (1.0 - LIGHT_FRACTION)
+        expected = (1.0 - LIGHT_FRACTION) * tendon.pretension_N * self._compliance
+        if not tendon.dither_cycles or wound < STRETCHES * expected:
+            return None
+        amplitude = wound * tendon.dither_share / (1.0 - LIGHT_FRACTION)
         return Dither(amplitude, tendon.dither_cycles, self._compliance, self._bending)
 
 

@@ -65,27 +65,27 @@ def test_it_begins_and_ends_with_paying_out_and_dies_away() -> None:
     assert 1e3 * at == pytest.approx(0.3)
 
 
+def homed(stiffness_N_m: float, stuck_N: float = 0.0) -> list[str]:
+    """What homing did, on a robot of the test's own, whose tendon E2 carries more once they are pulled to and fro."""
+    homing, travel, speed, did = Homing(COBRA, np.zeros((12, 12))), np.zeros(14), np.zeros(14), [""]
+    while not homing.done:
+        load = np.zeros(14)
+        load[:12] = np.maximum(-travel[:12] - 0.002, 0.0) * stiffness_N_m
+        load[5] += stuck_N * ("to and fro" in homing.progress)
+        target = homing.step(travel, load, speed, DT_S)
+        travel, speed = target, (target - travel) / DT_S
+        did += [homing.progress] if homing.progress != did[-1] else []
+    return did
+
+
 def test_a_tendon_that_is_pulled_too_hard_on_the_way_ends_homing_and_is_named() -> None:
-    """A stiff robot of the test's own: what is wound in carries 10 N more a millimetre; one is stuck once they dither."""
-    homing = Homing(COBRA, np.zeros((12, 12)))
-    travel = np.zeros(14)
-
-    def load() -> np.ndarray:
-        pulled = np.zeros(14)
-        pulled[:12] = np.maximum(-travel[:12] - 0.002, 0.0) * 1e4
-        if "to and fro" in homing.progress:
-            pulled[5] += 9.0
-        return pulled
-
-    def homes() -> None:
-        speed = np.zeros(14)
-        while not homing.done:
-            target = homing.step(travel, load(), speed, DT_S)
-            speed[:] = (target - travel) / DT_S
-            travel[:] = target
-
+    assert any("to and fro" in what for what in homed(2000.0))
     with pytest.raises(HomingError, match=r"tendon E2 carries \d+ N while all are pulled to and fro, 16 N at most"):
-        homes()
+        homed(2000.0, stuck_N=9.0)
+
+
+def test_tendons_that_are_far_stiffer_than_described_are_not_pulled_to_and_fro() -> None:
+    assert not any("to and fro" in what for what in homed(1e5))
 
 
 def test_it_can_be_left_out_in_the_description() -> None:
