@@ -113,3 +113,34 @@ def test_homing_finds_straight_with_other_friction_play_and_stiffness_than_descr
         truth = world_of(ROBOT).truth()
         assert np.degrees(np.linalg.norm(truth.bends)) < 1.0
         assert truth.tip_position[2] == pytest.approx(bench.states[-1].commanded[LENGTH], abs=0.002)
+
+
+def test_a_cable_that_is_paid_out_hangs_slack_and_does_not_push():
+    twin = build_twin(SRC_BOT, "default")
+    azimuths = np.radians(SRC_BOT.sections[0].routing.azimuths_deg)
+    straight = np.full(3, 0.23 - 0.25)
+    twin.advance(straight, 1.5)
+    taut = twin.advance(straight, 0.5)
+    assert taut.min() > 1.0
+    slack = straight + np.array([0.06, 0.0, 0.0])
+    twin.advance(slack, 5.0)
+    there, tension = twin.truth(), twin.advance(slack, 0.5)
+    assert tension[0] == 0.0
+    assert tension[1:].min() > 1.0
+    # It bends away from the loose cable, and however much more is paid out changes nothing.
+    towards = np.array([np.cos(azimuths[0]), np.sin(azimuths[0])])
+    assert there.bends[0] @ towards < -0.05
+    twin.advance(slack + np.array([0.01, 0.0, 0.0]), 1.5)
+    assert twin.truth().tip_position == pytest.approx(there.tip_position, abs=5e-4)
+
+
+def test_the_cables_rub_so_that_the_tension_falls_in_the_direction_of_motion():
+    twin = build_twin(SRC_BOT, "default")
+    pulled(0.5, 0.235, twin)
+    ratios = []
+    for to_m in (0.225, 0.231):  # drawn in, then paid out
+        pulled(0.5, to_m, twin)
+        profile = twin.truth().tension_profile
+        ratios.append(profile[:, 0] / profile[:, -1])
+    assert np.all(ratios[0] > 1.02)
+    assert np.all(ratios[1] < 0.98)
