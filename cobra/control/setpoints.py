@@ -154,12 +154,13 @@ class Setpoints:
             self._bias = np.sign(self._bias) * np.maximum(np.abs(self._bias) - BIAS_RATE * dt_s, 0.0)
         step = self._drivetrain.travel_of(q) - self._drivetrain.travel_of(motion.q)
         allowed = self.limits.allow(setpoint, step, tendons.loads(), dt_s)
-        share, reason = tendons.allow(step)
+        share, reason = tendons.allow(step, dt_s)
         scale = min(allowed.scale, share)
         self.limited = allowed.reason or reason
         if scale < 1.0:
             q = motion.q + scale * (q - motion.q)
             velocity = velocity * scale
+        q = tendons.give_way(q, dt_s)
         motion.take(q, velocity)
         self._locking.observe(q, self.measured())
         self._watch_tendons(setpoint, dt_s)

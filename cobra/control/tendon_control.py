@@ -36,6 +36,8 @@ class TendonControl:
         self.takeovers = 0
         """How often loss parameters were taken over."""
         self._level_N: float | None = None
+        self._target: Floats | None = None
+        """Of the tendons (m,), without what the keeper changes of it."""
         self._wound_m = 0.0
         """All tendons wound in alike, beyond what homing found."""
         self._index = drivetrain.tendon_index
@@ -60,7 +62,7 @@ class TendonControl:
         self.model = Rubbing(self.description, identified.losses)
         self._estimator = Estimator(self.description, self.model, identified)
         self._compensation = Compensation(self.model)
-        self._keeper = TensionKeeper(self.description, self.model)
+        self._keeper = TensionKeeper(self.description, self.model, identified)
         self._health = TendonHealth(self.description, self.model, identified)
         self._last_q = self.model.tendons.rest
         self.estimate = None
@@ -92,6 +94,7 @@ class TendonControl:
         self._compensation.resume(travel[self._index], self._estimator.spool_m)
         self._last_q = self.model.tendons.rest
         self._keeper.reset()
+        self._target = None
         self._health.reset()
         self._referred = self._driven = True
         self._level_N, self._wound_m = None, 0.0
@@ -122,6 +125,7 @@ class TendonControl:
             self._compensation.resume(setpoint[self._index] + self._wound_m, self._estimator.spool_m)
             self._last_q = q
             self._keeper.reset()
+            self._target = None
             self._health.reset()
 
     def observe(self, q: Floats, velocity: Floats, dt_s: float, holds: bool) -> None:
@@ -140,19 +144,28 @@ class TendonControl:
         if self.enabled:
             self._driven = self._driven or bool(np.any(np.abs(velocity) > MOVING_RAD_S))
             if self._driven:
-                self._keeper.observe(self.estimate, dt_s)
+                coming = self._target + self._keeper.offset_m - travel[self._index] if self._target is not None else 0.0
+                self._keeper.observe(self.estimate, np.zeros(len(self._index)) + coming, dt_s)
 
     def watch(self, setpoint: Floats, dt_s: float) -> None:
         """Look for tendons that do not do what they should; only while the drives hold them."""
         if self.active and self._driven and self.estimate is not None:
             self._health.observe(self.estimate, setpoint[self._index], dt_s)
 
-    def allow(self, step: Floats) -> tuple[float, str]:
+    def allow(self, step: Floats, dt_s: float) -> tuple[float, str]:
         """Which share of a step of all drives (by the tendon map) their tensions allow, and why not all, in words."""
         if not self.active or self.estimate is None:
             return 1.0, ""
         feed = self.description.feed_drive
-        return self._keeper.allow(step[self._index], feed is not None and step[feed] > 1e-9)
+        return self._keeper.allow(step[self._index], 0.0 if feed is None else float(step[feed]), dt_s)
+
+    def give_way(self, q: Floats, dt_s: float) -> Floats:
+        """q, or where its bends go because the tendons' tensions do not let them be held."""
+        if not self.active or self.estimate is None:
+            return q
+        out = q.copy()
+        out[self.model.tendons.columns] += self._keeper.give_way(dt_s)
+        return out
 
     def loads(self) -> Floats:
         """Loads of all drives, those of tendons without their gears' friction."""
@@ -164,16 +177,20 @@ class TendonControl:
     def travel(self, q: Floats, dt_s: float) -> Floats:
         """Travel of all drives for q, `dt_s` after the last call; 0 changes nothing."""
         travel = self._drivetrain.travel_of(q)
-        extra = np.full(len(self._index), -self._wound_m)
+        target = travel[self._index] - self._wound_m
         if self.active:
-            extra += self._keeper.trims_m
             velocity = (q - self._last_q) / dt_s if dt_s > 0.0 else np.zeros_like(q)
-            if np.any(velocity):
+            moving = bool(np.any(velocity))
+            if moving:
+                extra = self._keeper.trims_m - self._wound_m
                 spool, outside = self._estimator.spool_m, self._estimator.outside_Nm
                 self._compensation.step(q, velocity, extra, spool, outside, dt_s)
-            travel[self._index] = self._compensation.travel()
+            target = self._compensation.travel() - self._wound_m
+            if dt_s > 0.0 and self._target is not None:
+                self._keeper.step(target - self._target, moving, dt_s)
+            target, self._target = target + self._keeper.offset_m, target
         self._last_q = q
-        travel[self._index] += extra
+        travel[self._index] = target
         return travel
 
     def measured(self, near: Floats) -> Floats:
