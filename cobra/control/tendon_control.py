@@ -13,7 +13,9 @@ from cobra.control.estimation import Estimator, TendonEstimate
 from cobra.control.tendon_health import TendonHealth
 from cobra.control.tension import TensionKeeper
 from cobra.description import RobotDescription
-from cobra.kinematics.configuration import Floats
+from cobra.kinematics.backbone import Backbone
+from cobra.kinematics.configuration import Configuration, Floats
+from cobra.kinematics.ramps import shortened
 from cobra.mechanics.losses import Identified, described, load
 from cobra.mechanics.rubbing import Rubbing
 from cobra.messages import CompensationState, Tendons
@@ -32,6 +34,7 @@ class TendonControl:
     def __init__(self, drivetrain: Drivetrain) -> None:
         self.description: RobotDescription = drivetrain.description
         self._drivetrain = drivetrain
+        self._configuration, self._backbone = Configuration(self.description), Backbone(self.description)
         self._next: Identified | None = None
         self.takeovers = 0
         """How often loss parameters were taken over."""
@@ -163,8 +166,15 @@ class TendonControl:
         """q, or where its bends go because the tendons' tensions do not let them be held."""
         if not self.active or self.estimate is None:
             return q
+        ways = self._keeper.give_way(dt_s)
+        if not np.any(ways):
+            return q
         out = q.copy()
-        out[self.model.tendons.columns] += self._keeper.give_way(dt_s)
+        out[self.model.tendons.columns] += ways
+        limits = self._backbone.bend_limits(q)
+        for i, where in enumerate(self._configuration.bends):
+            step = shortened(out[where] - q[where], self._configuration.rate[where.start] * dt_s)
+            out[where] = shortened(q[where] + step, max(float(limits[i]), float(np.linalg.norm(q[where]))))
         return out
 
     def loads(self) -> Floats:
