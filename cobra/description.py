@@ -170,6 +170,10 @@ class Compensation(_Part, frozen=True, kw_only=True):
     enabled: bool = True
     parameters: str = ""
     """File that `cobra-teleop identify friction` wrote, beside this one; without one the description's numbers are taken."""
+    admittance_rad_s_Nm: NonNegative = 0.0
+    """The robot gives way when it is pushed, while it is driven: how fast a section bends per moment from outside. 0 holds against it."""
+    admittance_from_Nm: NonNegative = 0.016
+    """What is less may be the tendons' friction and no push."""
 
 
 class Motor(_Part, frozen=True, kw_only=True):

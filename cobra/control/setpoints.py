@@ -160,7 +160,7 @@ class Setpoints:
         if scale < 1.0:
             q = motion.q + scale * (q - motion.q)
             velocity = velocity * scale
-        q = tendons.give_way(q, dt_s)
+        q = tendons.give_way(q, moving, dt_s)
         motion.take(q, velocity)
         self._locking.observe(q, self.measured())
         self._watch_tendons(setpoint, dt_s)

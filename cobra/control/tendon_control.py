@@ -162,11 +162,13 @@ class TendonControl:
         feed = self.description.feed_drive
         return self._keeper.allow(step[self._index], 0.0 if feed is None else float(step[feed]), dt_s)
 
-    def give_way(self, q: Floats, dt_s: float) -> Floats:
-        """q, or where its bends go because the tendons' tensions do not let them be held."""
+    def give_way(self, q: Floats, driven: bool, dt_s: float) -> Floats:
+        """q, or where its bends go because the tendons' tensions do not let them be held, or because it is pushed."""
         if not self.active or self.estimate is None:
             return q
         ways = self._keeper.give_way(dt_s)
+        if driven:
+            ways = ways + self._pushed_away(dt_s)
         if not np.any(ways):
             return q
         out = q.copy()
@@ -176,6 +178,14 @@ class TendonControl:
             step = shortened(out[where] - q[where], self._configuration.rate[where.start] * dt_s)
             out[where] = shortened(q[where] + step, max(float(limits[i]), float(np.linalg.norm(q[where]))))
         return out
+
+    def _pushed_away(self, dt_s: float) -> Floats:
+        """(c,) with admittance: bends go with the moments from outside, beyond those that friction may pretend."""
+        outside, wanted = self._estimator.outside_Nm, self.description.compensation
+        if wanted is None or wanted.admittance_rad_s_Nm == 0.0:
+            return np.zeros_like(outside)
+        beyond = np.sign(outside) * np.maximum(np.abs(outside) - wanted.admittance_from_Nm, 0.0)
+        return beyond * (wanted.admittance_rad_s_Nm * dt_s)
 
     def loads(self) -> Floats:
         """Loads of all drives, those of tendons without their gears' friction."""

@@ -24,6 +24,8 @@ LOOK_BACK_TICKS = 12
 SUDDEN_N = 1.5
 SUDDEN_SHARE = 0.3
 """Of its tension before: a smaller loss is none."""
+SUDDEN_OWN = 0.4
+"""Of a loss: so much must be unexplained by any moment."""
 SLACK_SHARE = 0.5
 """Of the minimum: a tendon with less carries nothing."""
 CONFIRM_S = 0.08
@@ -83,7 +85,9 @@ class TendonHealth:
         foreseen = np.minimum(-(travel_m - travel_before) * self._stiffness, expected_N - expected_before)
         lost = before + np.minimum(foreseen, 0.0) - tension
         sudden = (lost > SUDDEN_N) & (lost > SUDDEN_SHARE * before)
-        alone = lost > 2.0 * np.median(np.abs(lost)) + SUDDEN_N
+        # A push or a wall gives the antagonist what it takes; what no moment explains is the tendon's own.
+        own = self._alone(lost)
+        alone = (lost > 2.0 * np.median(np.abs(lost)) + SUDDEN_N) & (own > SUDDEN_N) & (own > SUDDEN_OWN * lost)
         fresh = sudden & alone & (self._lost_s == 0.0)
         self._before = np.where(fresh, before, self._before)
         # The largest loss is the fault; the others give way to it.

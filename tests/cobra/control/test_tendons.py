@@ -4,8 +4,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_part
 
 from cobra.control.tension import CREEP_M_S
+from cobra.description import Compensation
+from cobra.loading import load_description
 from cobra.mechanics.losses import Losses
 from cobra.messages import Intent, Request
 from cobra.simulation.drives import world_of
@@ -120,6 +123,30 @@ def test_slack_is_told_at_once_and_taken_up_slowly_while_the_robot_stands(bench)
         bench.tick()
     assert plant.truth().tensions[5] > bench.description.tendon.min_tension_N
     assert bench.states[-1].tendons.warnings == ()
+
+
+def pushed_tip(admittance: float) -> tuple[float, float]:
+    """Commanded bends of all sections together [rad], and how far the tip stands aside [m], after a push to the right."""
+    wanted = Compensation(admittance_rad_s_Nm=admittance)
+    with Bench(
+        seed=3, losses="nominal", description=replace_part(load_description("cobra"), compensation=wanted)
+    ) as bench:
+        assert bench.home().phase == "ready"
+        for _ in range(5):
+            bench.tick()
+        drive(bench, 0.3, primary=(0.1, 0.0))
+        world_of(CHANNEL).plant.push(-1, np.array([0.3, 0.0, 0.0]))
+        drive(bench, 2.0)
+        truth = world_of(CHANNEL).truth()
+        assert truth.tensions.min() > bench.description.tendon.min_tension_N
+        return float(np.sum(bench.states[-1].commanded[2::2])), float(truth.tip_position[0])
+
+
+def test_with_admittance_the_robot_gives_way_when_pushed_and_without_it_holds():
+    (stiff, stood), (soft, moved) = pushed_tip(0.0), pushed_tip(60.0)
+    assert abs(stiff) < np.radians(5.0)
+    assert soft > stiff + np.radians(10.0)
+    assert moved > stood + 0.01
 
 
 def test_healthy_tendons_raise_no_alarm(bench):
