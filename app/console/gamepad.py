@@ -162,9 +162,8 @@ class Gamepad:
             return
         try:
             self._watch(pygame)
-        except (
-            Exception
-        ) as error:  # counted, told on the page: the thread's end reads as a pad that is gone, which holds
+        except Exception as error:
+            # Counted and told on the page: the thread's end reads as a pad that is gone, which holds.
             self._fail(f"the pad's thread ended: {error}. Restart the console to drive with a pad.")
         finally:
             self._forget_all()
