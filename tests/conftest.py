@@ -58,6 +58,7 @@ IN_REAL_TIME = (
 """They start processes or a browser, and what these do takes its time: one after the other, whatever runs beside them."""
 
 
+@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in the same hook
 def pytest_collection_modifyitems(items):
     """The whole program in real time on two cores: a stall ends a drive, as it must, so such a test is run anew."""
     for item in items:
