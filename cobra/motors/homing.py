@@ -1,10 +1,12 @@
 """Find the zero of every tendon: pay out, wind to contact, let go, draw in together, tighten, dither; take that as zero.
 
 Current alone is a poor witness (a jammed spool draws some too), so contact needs tension and a drive at rest for a hold
-time, and travel and time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the same tension. So the
-tendons are let go until the body is straight, and drawn in together: then all slide the same way, and equal tensions
-keep it straight, if their conduits are alike. For those that are not, all are pulled to and fro (`dither`). Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a stop, that stop is the reference instead: against it a
-tendon's force rises so steeply with its length that neither a gear's friction nor a coarse current reading matters.
+time, and travel and time are bounded. Friction along the tendons holds whatever bend it likes while each drive reads the
+same tension. So the tendons are let go until the body is straight, and drawn in together: then all slide the same way, and
+equal tensions keep it straight, if their conduits are alike. For those that are not, all are pulled to and fro (`dither`).
+Where nothing rubs along the tendons, they are settled finely in the end. Where the sections can be pulled together to a
+stop, that stop is the reference instead: against it a tendon's force rises so steeply with its length that neither a
+gear's friction nor a coarse current reading matters.
 """
 
 from enum import Enum
