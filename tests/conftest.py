@@ -58,12 +58,10 @@ IN_REAL_TIME = (
 """They start processes or a browser, and what these do takes its time: one after the other, whatever runs beside them."""
 
 
-@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in the same hook
-def pytest_collection_modifyitems(items):
+def pytest_itemcollected(item):
     """The whole program in real time on two cores: a stall ends a drive, as it must, so such a test is run anew."""
-    for item in items:
-        path = item.path.as_posix()
-        if any(part in path for part in WHOLE_PROGRAM):
-            item.add_marker(pytest.mark.flaky(reruns=2))
-        if any(part in path for part in IN_REAL_TIME):
-            item.add_marker(pytest.mark.xdist_group("in real time"))
+    path = item.path.as_posix()
+    if any(part in path for part in WHOLE_PROGRAM):
+        item.add_marker(pytest.mark.flaky(reruns=2))
+    if any(part in path for part in IN_REAL_TIME):
+        item.add_marker(pytest.mark.xdist_group("in real time"))
