@@ -296,7 +296,9 @@ def test_a_robots_page_can_be_opened_without_the_wall_and_by_strangers_only_afte
             assert stranger.get(path).status_code == 401, path
 
 
-@pytest.mark.parametrize("says", [None, "hello", b"\x00" * 70_000, "seen" * 1000])
+@pytest.mark.parametrize(
+    "says", [None, "hello", b"\x00" * 70_000, "seen" * 1000], ids=("nothing", "hello", "bytes", "much")
+)
 def test_a_wall_that_does_not_say_it_reads_is_cut_off_and_others_are_not(house, monkeypatch, says):
     monkeypatch.setattr("app.watching.watch_door.SILENT_S", 0.5)
     with house.socket("/wall") as honest, house.socket("/wall") as silent:
