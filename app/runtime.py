@@ -56,13 +56,7 @@ def unregister(role: str, robot: str) -> None:
 def find(role: str, robot: str) -> Running | None:
     """The process that has this role now, or None. An entry of a dead process counts for nothing."""
     entry = _read(role, robot)
-    if entry is None:
-        return None
-    try:
-        alive = abs(psutil.Process(entry.pid).create_time() - entry.started) < 1.0
-    except psutil.Error:
-        alive = False
-    return entry if alive else None
+    return entry if entry is not None and _lives(entry) else None
 
 
 def find_all(role: str) -> list[Running]:
@@ -116,6 +110,15 @@ def _is_free(port: int) -> bool:
         except OSError:
             return False
     return True
+
+
+def _lives(entry: Running) -> bool:
+    try:
+        process = psutil.Process(entry.pid)
+        # One that was killed and that nobody has taken note of yet is dead too.
+        return abs(process.create_time() - entry.started) < 1.0 and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.Error:
+        return False
 
 
 def _file(role: str, robot: str) -> Path:

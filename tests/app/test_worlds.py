@@ -59,7 +59,9 @@ def test_a_mesh_that_swallows_the_port_or_cannot_be_read_is_named_in_the_page_an
     damaged.write_bytes(b"glTF, or so it says")
     pose = ("--world-scale", "0.001", "--world-pose", "0", "0", "0.15", "0", "0", "30")
     for mesh, more, says in ((casing, pose, "swallows the entry port"), (damaged, (), "damaged, or no GLB")):
-        with running(tmp_path, "--world", str(mesh), *more) as stack, Page(stack.url) as hands:
+        folder = tmp_path / mesh.suffix
+        folder.mkdir()
+        with running(folder, "--world", str(mesh), *more) as stack, Page(stack.url) as hands:
             assert stack.observer.link.meta().walls is None
             (event,) = [event for event in hands.snapshot["events"] if str(mesh) in event["text"]]
             assert event["level"] == "warning"
