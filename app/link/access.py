@@ -68,7 +68,13 @@ def open_session(
         return zenoh.open(config)
     except zenoh.ZError as error:
         reason = str(error).split(" at /")[0].rstrip(".")
-        hint = " (wrong account, wrong certificate, or nobody listens there)" if connect and access != DIRECT else ""
+        hint = ""
+        if connect:
+            hint = (
+                " (nobody listens there: start a robot with `cobra-teleop robot`, or the router)"
+                if access == DIRECT
+                else " (wrong account, wrong certificate, or nobody listens there)"
+            )
         raise LinkError(f"cannot open the link on {places}: {reason}{hint}") from None
 
 
