@@ -27,7 +27,7 @@ from app.console.scene import EXTRA_PARTS, PARTS, BadStateError, Parts, Scene
 from app.console.simulated_walls import SimulatedWalls
 from app.console.twin_view import TwinView
 from app.console.viewer_guard import guarded
-from app.console.viewer_proxy import ROLE_HEADER, VIEW_HEADER
+from app.console.viewer_proxy import PLAIN, ROLE_HEADER, TIP, VIEW_HEADER
 from app.console.viser_backlog import join_at_once
 from cobra.clock import Clock, SystemClock
 from cobra.control.modes.stick_frame import StickFrame
@@ -265,6 +265,7 @@ class Viewer:
         if connection is None:
             return  # it has left already
         headers = connection.request.headers if connection.request else {}
+        words = headers.get(VIEW_HEADER, "").split()
         view = ClientView(
             client,
             self._description,
@@ -273,7 +274,8 @@ class Viewer:
             self._history,
             self._parts(),
             self.sticks,
-            tip_only=headers.get(VIEW_HEADER) == "tip",
+            tip_only=TIP in words,
+            plain=PLAIN in words,
             plot=self._detail.plot,
             looks_only=headers.get(ROLE_HEADER) == "viewer",
         )

@@ -75,9 +75,9 @@ SECRET_HEADER = "x-cobra-secret"
 """What viser wants to see of whoever connects: other users of this machine do not know it."""
 ROLE_HEADER, VIEW_HEADER = "x-cobra-role", "x-cobra-view"
 """Tell viser's side who looks, and which view the path asks for."""
-THIN, TIP = "thin", "tip"
-VIEWS = ("", THIN, TIP, f"{THIN}/{TIP}")
-"""Under these paths viser's page is found: in full or thin, from outside or from the tip."""
+PLAIN, THIN, TIP = "plain", "thin", "tip"
+VIEWS = frozenset((PLAIN, THIN, TIP))
+"""With these words in its path viser's page is found: without shadows, for slow links, from the tip."""
 SESSION_CHECK_S = 1.0
 SLOWEST_B_S = 20e3
 """A viewer has longer for what is large: a link that carries less than this shows nothing anyway."""
@@ -124,7 +124,7 @@ class ViewerProxy:
         """viser's files; its page with a script of ours ahead of its own."""
         path = request.path_params.get("path", "")
         words = [word for word in path.split("/") if word and not word.startswith(PAGE_MARK)]
-        path = "" if "/".join(words) in VIEWS else path
+        path = "" if VIEWS.issuperset(words) else path
         port, secret = self._full  # their pages are the same
         if ".." in path.replace("\\", "/").split("/") or not path.isprintable():
             return Response("Not found", 404)
@@ -151,7 +151,7 @@ class ViewerProxy:
         visitor, present = websocket.scope[VISITOR], websocket.scope[PRESENT]
         words = websocket.path_params.get("path", "").split("/")
         pages = [word for word in words if word.startswith(PAGE_MARK)]
-        headers = {ROLE_HEADER: visitor.role, VIEW_HEADER: TIP if TIP in words else ""}
+        headers = {ROLE_HEADER: visitor.role, VIEW_HEADER: " ".join(VIEWS.intersection(words))}
         try:
             port, secret = await run_in_threadpool(self._thin) if self._thin and THIN in words else self._full
             viser = await _open(port, websocket.scope["subprotocols"], {**headers, SECRET_HEADER: secret})

@@ -58,9 +58,14 @@ const link = new Link({
     const news = message.phase !== state?.phase || message.driver !== state?.driver || message.cause !== state?.cause;
     state = message;
     plot.take(message);
-    if (waiting || !(news || performance.now() - drawnAt > FIGURES_MS)) return;
+    // Where pictures come late, the news must be in the next one that comes, so it does not wait for a frame of its own.
+    if (news) return draw();
+    if (waiting || performance.now() - drawnAt <= FIGURES_MS) return;
     waiting = true;
-    requestAnimationFrame(draw);
+    requestAnimationFrame(() => {
+      waiting = false;
+      draw();
+    });
   },
   connected(yes) {
     enableDriving();
@@ -257,7 +262,6 @@ function showFacts() {
 }
 
 function draw() {
-  waiting = false;
   drawnAt = performance.now();
   const phase = shownPhase(state, link.connected);
   setAttribute(document.body, "data-phase", phase);

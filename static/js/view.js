@@ -18,7 +18,9 @@ export function showView(ticketPath, word, thin, on) {
   const tip = byId("tip-view");
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
   const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
-  let detail = thin ? "thin/" : "";
+  const software = drawnInSoftware();
+  const detailOf = (yes) => (software ? "plain/" : "") + (yes ? "thin/" : "");
+  let detail = detailOf(thin);
   // Behind the #, where viewer_frame.js puts it into the path: so that the browser fetches viser's page only once.
   const source = (view) => `${place}${query}#${word}/${detail}${view}`;
   const other = OTHER_NAME[location.hostname];
@@ -58,10 +60,10 @@ export function showView(ticketPath, word, thin, on) {
   };
   byId("tip-toggle").addEventListener("click", () => showTip(tip.hidden));
   // A second scene drawn in software would starve the rest of the page; there it is shown when asked for.
-  showTip(innerWidth > 760 && !thin && !drawnInSoftware());
+  showTip(innerWidth > 760 && !thin && !software);
   return {
     thin(yes) {
-      detail = yes ? "thin/" : "";
+      detail = detailOf(yes);
       if (yes) showTip(false); // it would take as much again; there it is shown when asked for
       show(place);
     },

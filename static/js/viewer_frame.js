@@ -1,5 +1,37 @@
 // Put into viser's page by the front door, ahead of viser's own script.
 (() => {
+  /** Drawn in software, a scene takes all there is: after each slow picture it waits as long again, for the page around it. */
+  function leaveRoom() {
+    const SLOW_MS = 25;
+    const MOST_MS = 500;
+    const request = window.requestAnimationFrame.bind(window);
+    const cancel = window.cancelAnimationFrame.bind(window);
+    const cancels = new Map(); // what was asked for and not drawn yet: how to cancel it
+    let number = 0;
+    let tookMs = 0;
+    window.requestAnimationFrame = (callback) => {
+      const id = ++number;
+      const ask = () => {
+        const askedAt = performance.now();
+        const frame = request((now) => {
+          cancels.delete(id);
+          tookMs = performance.now() - askedAt;
+          callback(now);
+        });
+        cancels.set(id, () => cancel(frame));
+      };
+      if (tookMs > SLOW_MS) {
+        const timer = setTimeout(ask, Math.min(tookMs, MOST_MS));
+        cancels.set(id, () => clearTimeout(timer));
+      } else ask();
+      return id;
+    };
+    window.cancelAnimationFrame = (id) => {
+      cancels.get(id)?.();
+      cancels.delete(id);
+    };
+  }
+
   // viser reconnects only while its document has the focus, which a frame or a wall monitor never has.
   Document.prototype.hasFocus = function () {
     return !this.hidden;
@@ -8,6 +40,7 @@
   if (location.hash.length > 1) {
     history.replaceState(null, "", `${location.pathname}${location.hash.slice(1)}${location.search}`);
   }
+  if (location.pathname.split("/").includes("plain")) leaveRoom();
   if (parent === window) return;
 
   const tell = (what) => parent.postMessage({ viewer: what }, "*");

@@ -100,6 +100,12 @@ def test_each_state_is_a_word_a_sentence_and_the_buttons_that_make_sense(page: A
         expect(page.get_by_test_id("stop")).to_be_enabled()
 
 
+def test_what_the_robot_does_is_shown_though_the_browser_draws_no_frames(page: Any, session: FakeSession) -> None:
+    page.evaluate("window.requestAnimationFrame = () => 0")  # a computer whose frames all go into the 3D view
+    session.changes["phase"] = "stopped"
+    expect(page.get_by_test_id("state")).to_have_text("Stopped")
+
+
 def test_what_prevents_arming_is_listed_beside_arm(page: Any, session: FakeSession) -> None:
     reasons = ["drive S2 does not answer", "the sticks are not centred: let them go"]
     session.changes.update(phase="disarmed", reasons=reasons)
@@ -478,6 +484,33 @@ def test_the_3d_view_finds_viser_again_without_the_focus(tab: Any, session: Fake
             assert connected.acquire(timeout=60)
     finally:
         viewer.stop()
+
+
+def test_where_the_3d_view_is_drawn_in_software_it_is_plain_and_leaves_the_page_time(
+    tab: Any, session: FakeSession
+) -> None:
+    # A browser that takes 100 ms for each picture.
+    tab.add_init_script("""
+        window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 100);
+        window.cancelAnimationFrame = clearTimeout;
+    """)
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    with FrontDoor("127.0.0.1", 0, server.get_port(), session) as door:
+        tab.goto(door.url)
+        canvas = tab.frame_locator("#viewer").locator("canvas").first
+        canvas.wait_for(state="attached")
+        assert "plain" in canvas.evaluate("() => location.pathname").split("/")
+        apart = canvas.evaluate("""() => new Promise((done) => {
+            const times = [];
+            const draw = () => times.push(performance.now()) < 5 ? requestAnimationFrame(draw) : done(times[4] - times[0]);
+            requestAnimationFrame(draw);
+        })""")
+        assert apart > 4 * 190, "as long a pause as each took"
+        assert canvas.evaluate("""() => new Promise((done) => {
+            cancelAnimationFrame(requestAnimationFrame(() => done(false)));
+            requestAnimationFrame(() => done(true));
+        })"""), "what is cancelled is not drawn"
+    server.stop()
 
 
 def test_turning_the_3d_view_leaves_the_keys_with_the_robot(tab: Any, session: FakeSession) -> None:

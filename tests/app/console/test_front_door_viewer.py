@@ -242,6 +242,7 @@ def test_a_thin_view_is_another_viser_opened_when_first_asked_for(
                 pass
         assert asked == [1]
         assert fetch(door, "viewer/thin/tip/").status_code == fetch(door, "viewer/p-1/thin").status_code == 200
+        assert fetch(door, "viewer/p-1/plain/thin/tip/").status_code == 200
         assert fetch(door, "viewer/thin/other").status_code == 404
     thin.stop()
 

@@ -11,7 +11,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from app.console.viewer import STALE_S, Viewer
-from app.console.viewer_proxy import SECRET_HEADER
+from app.console.viewer_proxy import SECRET_HEADER, VIEW_HEADER
 from cobra.clock import ManualClock
 from tests.app.console.scene_fakes import COBRA, ViserClient, state_of, wait_until
 
@@ -238,6 +238,18 @@ def test_the_camera_rides_on_the_tip_for_the_viewer_who_asks_for_it(running, rob
         )
         other.drain()
         assert "SetCameraFovMessage" not in {message["type"] for message in other.messages}
+
+
+def test_shadows_are_left_out_for_the_viewer_whose_computer_draws_in_software(running):
+    def last_shadows(client):
+        return [m["cast_shadow"] for m in client.messages if m["type"] == "EnableLightsMessage"][-1:]
+
+    with ViserClient(running) as fine, ViserClient(running, **{VIEW_HEADER: "plain"}) as plain:
+        plain.wait_for(lambda m: m["type"] == "EnableLightsMessage" and not m["cast_shadow"])
+        fine.wait_for(lambda m: m["type"] == "EnableLightsMessage")
+        while fine.read(0.2):
+            pass
+        assert (last_shadows(plain), last_shadows(fine)) == ([False], [True])
 
 
 def test_each_viewer_plots_what_it_chose(running):
