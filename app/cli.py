@@ -1,6 +1,7 @@
 """The command line: `cobra-teleop` drives; its subcommands do the rest. Heavy imports wait until a command needs them."""
 
 import logging
+import os
 import sys
 from collections.abc import Collection, Sequence
 from importlib import metadata
@@ -89,7 +90,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     if arguments == ["--version"]:
         print(metadata.version("cobra-teleop"))
         return
-    sys.exit(_run(arguments))
+    try:
+        try:
+            sys.exit(_run(arguments))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever read this, as `head` does, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(arguments: list[str]) -> int:

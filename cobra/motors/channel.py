@@ -70,6 +70,8 @@ class Channel:
         """By frame id, who takes the data of frames that come unasked and are no drive's."""
         self._options = options
         self._bus: can.BusABC | None = None
+        self._sent = False
+        """Something, since the adapter was opened."""
         self._broken = ""
         self._warning = ""
         self._reopener: _Reopener | None = None
@@ -105,7 +107,7 @@ class Channel:
     def open(self) -> None:
         """Raises BusError."""
         self._broken = self._warning = ""
-        self._bus = self._opened()
+        self._bus, self._sent = self._opened(), False
 
     def close(self) -> None:
         if self._reopener is not None:
@@ -126,8 +128,10 @@ class Channel:
             with contextlib.suppress(NotImplementedError):
                 bus.flush_tx_buffer()
             serial = getattr(bus, "serialPortOrig", None)
-            if serial is not None:
+            # Before the first frame only the commands that open the adapter wait there, and it needs them.
+            if serial is not None and self._sent:
                 serial.reset_output_buffer()
+                serial.write(b"\r")  # ends the line that this may have cut
         except CHANNEL_ERRORS as error:
             raise self.gone("purging", error) from error
         self.drain(lambda _: None)
@@ -137,6 +141,7 @@ class Channel:
     def send(self, message: can.Message, deadline_s: float) -> None:
         """Hand over one frame; waits for room in the transmit queue until the deadline. Raises BusError."""
         bus = self._open_bus()
+        self._sent = True
         began_s = self.clock.now()
         while True:
             try:
@@ -268,6 +273,7 @@ class Channel:
     def _open_bus(self) -> can.BusABC:
         if self._bus is None and self._reopener is not None and self._reopener.bus is not None:
             self._bus, self._reopener = self._reopener.bus, None
+            self._sent = False
             self._broken = self._warning = ""
             self.interrupted = True
         if self._bus is None:

@@ -1,6 +1,7 @@
 """The whole bus of a described robot, over python-can, to simulated drives; their world tells where they really are."""
 
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from cobra.clock import ManualClock
+from cobra.clock import ManualClock, SystemClock
 from cobra.description import RobotDescription
 from cobra.motors.bus import BusError
+from cobra.motors.channel import Channel
 from cobra.motors.open_bus import open_bus
 from cobra.simulation.drives import wire_of, world_of
 from tests.cobra.motors.handmade_drives import robot
@@ -139,6 +141,25 @@ def test_an_adapter_that_is_not_there_is_one_line_with_what_to_do(interface: str
     assert line.startswith(f"bus 'main' ({interface} {channel}) cannot be opened: ")
     assert advice in line
     assert "\n" not in line
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+def test_an_adapter_that_reads_late_still_gets_the_commands_that_open_it_and_later_only_whole_lines() -> None:
+    ours, theirs = os.openpty()
+    os.set_blocking(ours, False)
+    bus = msgspec.structs.replace(
+        robot(14).buses[0], interface="slcan", channel=os.ttyname(theirs), options={"sleep_after_open": 0}
+    )
+    channel = Channel(bus, SystemClock(), dict(bus.options), Counter())
+    channel.open()
+    channel.purge()
+    assert [line for line in os.read(ours, 4096).split(b"\r") if line] == [b"C", b"S8", b"O", b"O"]
+    channel.send(can.Message(arbitration_id=0x141, data=[0x9A] + 7 * [0], is_extended_id=False), 0.1)
+    channel.purge()  # of what nobody has read yet
+    assert os.read(ours, 4096) == b"\r"
+    channel.close()
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_a_stray_configuration_of_python_can_changes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
