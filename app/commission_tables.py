@@ -51,7 +51,8 @@ def _lines(rows: list[tuple[str, ...]]) -> Iterator[str]:
 
 def _row(item: Found) -> tuple[str, ...]:
     motor = item.motor
-    told = (*motor.errors, *(f"{name} {words}" for name, words in motor.details.items() if words))
+    wrong = "; ".join(filter(None, (item.complaint, *motor.errors))) or "none"
+    details = ", ".join(f"{name} {words}" for name, words in motor.details.items() if words)
     return (
         item.bus,
         str(motor.address),
@@ -61,7 +62,7 @@ def _row(item: Found) -> tuple[str, ...]:
         motor.firmware or "-",
         _known(motor.temperature_C, "°C"),
         _known(motor.voltage_V, "V"),
-        "; ".join(filter(None, (item.complaint, *told))) or "none",
+        f"{wrong} ({details})" if details else wrong,
     )
 
 

@@ -126,6 +126,7 @@ def test_drives_of_cia_402_are_found_tested_and_switched_off(
         assert status == 0, out + err
         assert [line.split()[2:5] for line in out.splitlines()[1:3]] == [["S1", "CiA", "402"], ["E1", "CiA", "402"]]
         assert len(out.splitlines()) == 15
+        assert out.splitlines()[1].endswith("  none (state switch on disabled)")
         status, out, err = teleop(capsys, "motors", "test", "feed", *route)
         assert status == 0, out + err
         assert "went in, then out by 3.0 mm" in out
