@@ -39,7 +39,7 @@ JAM_LEAST_M = 4e-4
 JAM_BEYOND_N = 0.4
 """Unexplained by any moment, for a model that is exact; and besides, times the share by which the tendons' stiffness is
 unsure (a description's numbers foretell less well than a sweep's),"""
-JAM_UNSURE_TAUT = 0.75
+JAM_UNSURE_TAUT = 1.1
 """of the tension, because friction grows with it, and"""
 JAM_UNSURE_TRIMS = 3.5
 """of the tension that trims have changed."""
