@@ -119,7 +119,7 @@ def test_the_bends_are_known_as_well_as_is_said():
             sigmas.append(estimate.deviation)
     z = np.array(errors) / np.array(sigmas)
     print(
-        f"seed {seed}: RMS error {np.degrees(np.sqrt(np.mean(np.square(errors)))):.1f} degrees, in standard deviations {np.sqrt(np.mean(z**2)):.2f}"
+        f"RMS error {np.degrees(np.sqrt(np.mean(np.square(errors)))):.1f} degrees, in standard deviations {np.sqrt(np.mean(z**2)):.2f}"
     )
     assert np.mean(np.abs(z) < 2.0) > 0.9
     assert np.sqrt(np.mean(z**2)) > 0.15, "nor is it said to be known worse than it is by far"
