@@ -88,7 +88,7 @@ def test_a_busy_port_names_its_holder_and_the_next_free_one_is_found():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
-@pytest.mark.parametrize("arguments", [("check",), ("--help",)])
+@pytest.mark.parametrize("arguments", [("check", "cobra"), ("--help",)])
 def test_whoever_reads_only_the_first_lines_of_a_table_gets_no_traceback(arguments):
     process = subprocess.Popen(
         [sys.executable, "-m", "app", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
