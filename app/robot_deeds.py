@@ -1,5 +1,7 @@
 """What people do with the robot, gathered from what the robot process hears and says, for the audit trail."""
 
+from collections import deque
+
 import msgspec
 
 from app.people.audit import AuditTrail
@@ -37,6 +39,8 @@ class RobotDeeds:
         self._driver = ""
         self._since = 0.0
         self._holder = ""
+        self._presses: deque[str] = deque(maxlen=32)
+        """Marks of STOPs that are noted; a STOP is said again until it is confirmed."""
 
     def heard(self, heard: Heard) -> None:
         """Requests with their answers."""
@@ -67,4 +71,8 @@ class RobotDeeds:
             stop = decode(data, Stop)
         except msgspec.MsgspecError:
             stop = Stop(reason="the message was damaged")
+        if stop.press in self._presses:
+            return
+        if stop.press:
+            self._presses.append(stop.press)
         self._trail.note(stop.who, "STOP", stop.reason)

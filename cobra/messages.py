@@ -87,6 +87,8 @@ class Stop(Message, frozen=True, kw_only=True):
 
     who: str = ""
     reason: str = ""
+    press: str = ""
+    """By this mark a STOP that is said again counts once; without one every message counts."""
 
 
 class HandFedLength(Message, frozen=True, kw_only=True):
@@ -315,6 +317,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """What still prevents arming."""
     homed: bool = False
     epoch: int = 0
+    stops: tuple[str, ...] = ()
+    """Marks of the newest STOPs that were obeyed, so that whoever pressed knows."""
     lease: Lease = Lease()
     accepted: int = 0
     """Sequence number of the last command that was obeyed."""

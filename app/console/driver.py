@@ -3,6 +3,7 @@
 import threading
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import Future
 
 import msgspec
 
@@ -12,9 +13,10 @@ from app.console.pilot import Pilot, Wanted
 from app.console.robot_lag import RobotLag
 from app.console.seat import Occupant, Seat
 from app.link.console_end import ConsoleLink
+from app.link.stopping import UNCONFIRMED, Stopping
 from cobra.clock import Clock
 from cobra.control.realtime import OTHERS_PRIORITY, ask_for_realtime
-from cobra.messages import Command, Reply, Request, RobotState, Stop
+from cobra.messages import Command, Reply, Request, RobotState
 
 PERIOD_S = 0.02
 """Repetition of unchanged commands: a tenth of their validity."""
@@ -55,6 +57,7 @@ class Driver:
         self._sequence = 0
         self._next_try = 0.0
         self._lag = RobotLag()
+        self._stopping = Stopping(self._send_stop, self._latest)
         self.errors: Counter[str] = Counter()
         self._thread = threading.Thread(target=self._run, name="driver", daemon=True)
 
@@ -79,10 +82,11 @@ class Driver:
         """An input changed: send now rather than at the next repetition. Safe from any thread."""
         self._wake.set()
 
-    def halt(self, who: str, reason: str = "") -> None:
-        """STOP, past every queue. Safe from any thread."""
-        if link := self._link():
-            link.send_stop(Stop(who=who, reason=reason))
+    def halt(self, who: str, reason: str = "") -> Future[bool]:
+        """STOP, past every queue. Safe from any thread. Tells whether the robot confirmed it."""
+        confirmed = self._stopping.say(who, reason)
+        confirmed.add_done_callback(lambda done: None if done.result() else self._warn(f"{UNCONFIRMED}."))
+        return confirmed
 
     def ask(self, request: Request, asker: Occupant | None = None) -> Reply:
         """Make a request under our lease, taking the lease first when it is free. `asker` is None for the console's pad."""
@@ -235,6 +239,14 @@ class Driver:
         )
         link.send(command)
         self._sent(wanted, command)
+
+    def _send_stop(self, data: bytes) -> None:
+        if link := self._link():
+            link.send_stop(data)
+
+    def _latest(self) -> RobotState | None:
+        link = self._link()
+        return link.latest if link else None
 
     def _locking(self) -> str:
         """One button locks and unlocks, whichever the robot is not doing."""

@@ -210,11 +210,13 @@ class PageSocket:
 
     async def stop(self, asker: Asker, press: int | None) -> Answer:
         """STOP. A page sends each press by two ways, in case one is dead; obeyed once, it counts as one."""
-        if press is not None and (asker.page, press) in self._stops:
+        known = (asker.page, press)
+        if press is not None and known in self._stops:
             return Answer(ok=True, reasons=[])
+        self._stops.append(known)  # before its answer: the other way may come while this one waits
         answer = await self.ask(asker, "stop")
-        if answer["ok"]:
-            self._stops.append((asker.page, press))
+        if not answer["ok"] and known in self._stops:
+            self._stops.remove(known)
         return answer
 
     async def _tell(self, page: "_Page", websocket: WebSocket) -> None:

@@ -1,6 +1,7 @@
 """What a page's session needs of a robot and of whoever sits at its controls, be it here or only watched."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from typing import Protocol
 
 from app.console.page_socket import SeatRequest
@@ -51,8 +52,8 @@ class Seat(Protocol):
     def wake(self) -> None:
         """There is new input."""
 
-    def halt(self, who: str, reason: str = "") -> None:
-        """STOP. Safe from any thread."""
+    def halt(self, who: str, reason: str = "") -> Future[bool]:
+        """STOP. Safe from any thread. Tells whether the robot confirmed it."""
 
     def ask(self, request: Request, asker: Occupant) -> Reply:
         """Make a request of the robot. Waits for its answer."""

@@ -33,6 +33,7 @@ from app.console.pilot import Pilot
 from app.console.recording import RecorderProcess
 from app.console.seat import Occupant
 from app.console.seen import Seat, SeenRobot
+from app.link.stopping import UNCONFIRMED
 from app.people.audit import AuditTrail, Deed
 from app.people.sessions import Visitor
 from cobra.clock import Clock
@@ -182,8 +183,7 @@ class ConsoleSession:
         page = asker.page
         match what:
             case "stop":
-                self._driver.halt(asker.visitor.name, f"pressed on {page}")
-                return _yes()
+                return self._stop(asker)
             case "section":
                 return _answer(self._pilot.select(page, section=value))
             case "speed":
@@ -213,6 +213,10 @@ class ConsoleSession:
                 return self._ask(Request(what=what, value=float(bool(value))), asker)
             case _:
                 return self._ask(Request(what=what, reason=text), asker)
+
+    async def _stop(self, asker: Asker) -> Answer:
+        confirmed = self._driver.halt(asker.visitor.name, f"pressed on {asker.page}")
+        return _yes() if await asyncio.wrap_future(confirmed) else _answer(UNCONFIRMED)
 
     def _ask(self, request: Request, asker: Asker) -> Awaitable[Answer]:
         who = Occupant(asker.visitor.name, asker.page)

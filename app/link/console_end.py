@@ -9,7 +9,7 @@ import msgspec
 import zenoh
 
 from app.link.access import DIRECT, LinkAccess, LinkError, open_session
-from app.link.keys import ask, key, newest_only
+from app.link.keys import ask, key, newest_only, put_stop
 from app.people.audit import Deed
 from cobra.messages import (
     Command,
@@ -20,7 +20,6 @@ from cobra.messages import (
     Reply,
     Request,
     RobotState,
-    Stop,
     Touch,
     decode,
     encode,
@@ -124,9 +123,10 @@ class ConsoleLink:
         if self._session is not None:
             self._session.put(key(self._robot, "push"), encode(push))
 
-    def send_stop(self, stop: Stop) -> None:
+    def send_stop(self, data: bytes) -> None:
+        """One encoded `Stop`; it may be lost: see `app.link.stopping`."""
         if self._session is not None:
-            self._session.put(key(self._robot, "stop"), encode(stop), priority=zenoh.Priority.REAL_TIME, express=True)
+            put_stop(self._session, key(self._robot, "stop"), data)
 
     def send_length(self, length: HandFedLength) -> None:
         """For a program beside a measuring device: what is exposed now of a robot that is fed by hand."""

@@ -29,7 +29,14 @@ def key(robot: str, name: str) -> str:
 def newest_only(session: zenoh.Session, name: str) -> zenoh.Publisher:
     """For what is worthless when late: sent at once, ahead of the rest, dropped rather than queued."""
     return session.declare_publisher(
-        name, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP, express=True
+        name, priority=zenoh.Priority.INTERACTIVE_HIGH, congestion_control=zenoh.CongestionControl.DROP, express=True
+    )
+
+
+def put_stop(session: zenoh.Session, name: str, data: bytes) -> None:
+    """Send a STOP, ahead of all else and in a queue that nothing else fills."""
+    session.put(
+        name, data, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP, express=True
     )
 
 

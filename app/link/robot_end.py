@@ -154,7 +154,8 @@ class _Way:
         self._robot = robot
         drop = zenoh.CongestionControl.DROP
         self.state = newest_only(session, key(robot, "state"))
-        self.event = session.declare_publisher(key(robot, "event"))
+        # In a queue of their own, so that what comes in streams does not push them out.
+        self.event = session.declare_publisher(key(robot, "event"), priority=zenoh.Priority.INTERACTIVE_LOW)
         self.history = session.declare_publisher(key(robot, "history"), congestion_control=drop)
         self.heard = session.declare_publisher(key(robot, "heard"), congestion_control=drop)
         self.calibration = session.declare_publisher(key(robot, "calibration"))

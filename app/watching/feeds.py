@@ -8,16 +8,19 @@ import contextlib
 import threading
 import time
 from collections import Counter, deque
+from concurrent.futures import Future
 
 import msgspec
 import zenoh
 from zenoh.handlers import RingChannel
 
 from app.link.access import LinkAccess, LinkError, open_session
+from app.link.keys import key, put_stop
+from app.link.stopping import Stopping
 from app.people.audit import Deed
 from cobra.description import RobotDescription
 from cobra.loading import DescriptionError, parse_description
-from cobra.messages import Event, Meta, Reply, RobotState, Stop, decode, encode
+from cobra.messages import Event, Meta, Reply, RobotState, decode
 
 META_TIMEOUT_S = 2.0
 RETRY_S = 2.0
@@ -38,6 +41,7 @@ class WatchedRobot:
         self.malformed = 0
         self.received = 0
         self._feed = feed
+        self._stopping = Stopping(lambda data: feed.send_stop(name, data), self.latest)
         self._described: RobotDescription | None = None
         self._newest: tuple[int, float, bytes] | None = None
         self._decoded: tuple[int, RobotState | None] = (-1, None)
@@ -79,9 +83,9 @@ class WatchedRobot:
         (n0, t0), (n1, t1) = self._arrivals[0], self._arrivals[-1]
         return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
 
-    def stop(self, who: str, reason: str) -> None:
-        """STOP it: the one thing that who watches may send."""
-        self._feed.put(f"cobra/{self.name}/stop", encode(Stop(who=who, reason=reason)))
+    def stop(self, who: str, reason: str) -> Future[bool]:
+        """STOP it: the one thing that who watches may send. Tells whether the robot confirmed it."""
+        return self._stopping.say(who, reason)
 
     def meta(self) -> Meta:
         """What the robot says of itself.
@@ -134,9 +138,10 @@ class Feed:
         if session is not None:
             session.close()
 
-    def put(self, key: str, data: bytes) -> None:
+    def send_stop(self, robot: str, data: bytes) -> None:
+        """One encoded `Stop`; it may be lost: see `app.link.stopping`."""
         if self._session is not None:
-            self._session.put(key, data, priority=zenoh.Priority.REAL_TIME, express=True)
+            put_stop(self._session, key(robot, "stop"), data)
 
     def meta(self, robot: str) -> Meta:
         """Ask a robot what it is.

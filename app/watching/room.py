@@ -1,6 +1,7 @@
 """A watched robot's own page: the operator's page and scene, where nobody can drive. Made when somebody comes to look."""
 
 import threading
+from concurrent.futures import Future
 
 from app.console.detail import Detail, rate_of
 from app.console.page_socket import PageSocket, SeatRequest
@@ -30,8 +31,8 @@ class Spectator:
     def wake(self) -> None:
         """There is no stream of commands to wake."""
 
-    def halt(self, who: str, reason: str = "") -> None:
-        self._robot.stop(who, reason)
+    def halt(self, who: str, reason: str = "") -> Future[bool]:
+        return self._robot.stop(who, reason)
 
     def ask(self, request: Request, asker: Occupant) -> Reply:
         return ONLY_WATCHES

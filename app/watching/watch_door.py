@@ -19,6 +19,7 @@ from app.console.front_door import metrics_route, page_route, stop_by_post
 from app.console.patience import cut_off, taken
 from app.console.static_folder import static_folder
 from app.console.web_server import Door, WebServer
+from app.link.stopping import UNCONFIRMED
 from app.metrics import Metrics
 from app.watching.feeds import Feed, WatchedRobot
 from app.watching.room import Room, Rooms
@@ -140,6 +141,6 @@ class WatchDoor(WebServer):
         if room := self._rooms.get(name):
             return await stop_by_post(request, room.pages)
         if robot := self._robots.get(name):
-            robot.stop(request.scope[VISITOR].name, "pressed on the wall")
-            return JSONResponse({"ok": True, "reasons": []})
+            confirmed = await asyncio.wrap_future(robot.stop(request.scope[VISITOR].name, "pressed on the wall"))
+            return JSONResponse({"ok": confirmed, "reasons": [] if confirmed else [UNCONFIRMED]})
         return PlainTextResponse("There is no such robot.", 404)

@@ -1,6 +1,6 @@
 """What has arrived since the last tick, in the order of its weight: STOP, commands and fed lengths, requests."""
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 
 import msgspec
@@ -13,9 +13,13 @@ from cobra.control.supervisor import Drive, Health, Supervisor
 from cobra.control.witness import Witness
 from cobra.messages import Command, Event, HandFedLength, Stop, decode
 
+REMEMBERED_STOPS = 8
+
 
 class Arrivals:
     """Empties the inbox. `drive` is the driver's newest accepted command; None while nobody drives.
+
+    `stops` are the marks of the newest STOPs; each is obeyed once, however often it is said.
 
     What cannot be read or obeyed is counted in `dropped`, by reason.
     """
@@ -32,6 +36,7 @@ class Arrivals:
     ) -> None:
         self.drive: Drive | None = None
         self.dropped = dropped
+        self.stops: deque[str] = deque(maxlen=REMEMBERED_STOPS)
         self.requests = Requests(authority, self.lose_driver, announce)
         self._inbox = inbox
         self._authority = authority
@@ -58,6 +63,10 @@ class Arrivals:
                 # A stop that cannot be read is still a stop.
                 self.dropped["malformed stop (obeyed)"] += 1
                 stop = Stop(who="somebody", reason="the message was damaged")
+            if stop.press in self.stops:
+                continue
+            if stop.press:
+                self.stops.append(stop.press)
             self.revoke()
             self._supervisor.stop(stop.who, stop.reason)
             self._announce(Event(stamp=now_s, level="alarm", text=self._supervisor.cause))

@@ -239,6 +239,7 @@ class RobotLoop:
             reasons=supervisor.arming_reasons(health, self._arrivals.drive, now) if waiting else (),
             homed=supervisor.homed,
             epoch=self.authority.epoch,
+            stops=tuple(self._arrivals.stops),
             lease=self.authority.lease(now),
             accepted=self.authority.last_sequence,
             mode=self.motion.mode,

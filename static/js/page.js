@@ -105,7 +105,8 @@ const driving = new Driving(
 async function ask(what, value = null, text = "") {
   const answer = await link.act(what, value, text);
   const reasons = answer.reasons.join("; ");
-  showAnswer(answer.ok ? reasons : `${REQUESTS[what]} refused: ${reasons || "no reason given"}`);
+  const refused = what === "stop" ? "STOP may not have worked" : `${REQUESTS[what]} refused`;
+  showAnswer(answer.ok ? reasons : `${refused}: ${reasons || "no reason given"}`);
 }
 
 /** STOP goes two ways at once, in case one of them is dead without knowing it. */

@@ -80,6 +80,8 @@ async function stop(name) {
   try {
     const answer = await fetch(`/robot/${encodeURIComponent(name)}/stop`, { method: "POST" });
     if (!answer.ok) throw new Error(await answer.text());
+    const { reasons } = await answer.json();
+    if (reasons.length) throw new Error(reasons.join("; "));
     say("");
   } catch (error) {
     say(`STOP of ${name} did not get through: ${error.message}`);

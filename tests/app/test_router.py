@@ -106,7 +106,7 @@ def test_a_viewer_sees_and_stops_and_can_do_nothing_else(net):
     viewer.send(command())
     refused = viewer.request(Request(what="acquire"))
     assert not refused.ok
-    viewer.send_stop(Stop(who="wall"))
+    viewer.send_stop(encode(Stop(who="wall")))
     wait_for("the stop", lambda: net.got["stop"])
     assert net.got == {"stop": 1}, "only STOP passes"
     net.robot.publish_event(Event(stamp=1.0, level="info", text="hello"))
@@ -209,7 +209,7 @@ def test_a_wall_hears_all_robots_through_the_router(net: Net) -> None:
         net.robot.publish_event(Event(stamp=1.0, level="alarm", text="slack"))
         wait_for("its event", lambda: [event.text for event in robots["arm"].events] == ["slack"])
         robots["arm"].stop("wall", "pressed")
-        wait_for("the stop", lambda: net.got["stop"] == 1)
+        wait_for("the stop", lambda: net.got["stop"])
     finally:
         feed.stop()
 

@@ -57,14 +57,19 @@ class Robot:
 
     def _run(self) -> None:
         while not self._quit.wait(0.02):
-            self.state = msgspec.structs.replace(self.state, tick=self.state.tick + 1, stamp=self.state.stamp + 0.02)
+            presses = tuple(stop.press for stop in self.stops[-8:])
+            self.state = msgspec.structs.replace(
+                self.state, tick=self.state.tick + 1, stamp=self.state.stamp + 0.02, stops=presses
+            )
             self.link.publish_state(self.state)
 
     def _count(self, what: str) -> None:
         self.got[what] += 1
 
     def _stop(self, data: bytes) -> None:
-        self.stops.append(decode(data, Stop))
+        stop = decode(data, Stop)
+        if stop.press not in {known.press for known in self.stops}:
+            self.stops.append(stop)
 
     def _request(self, data: bytes, answer: Callable[[Reply], None]) -> None:
         self._count("request")

@@ -38,7 +38,8 @@ def test_a_drive_from_taking_the_controls_to_clearing_the_stop(trail, tmp_path):
     deeds.heard(asked("retain"))
     for phase, stamp in (("ready", 1.0), ("driving", 2.0), ("driving", 3.0), ("ready", 4.5), ("driving", 5.0)):
         deeds.state(state(phase, stamp))
-    deeds.stopped(encode(Stop(who="vic", reason="pressed on page 2")))
+    for _ in range(3):  # said again until it is confirmed
+        deeds.stopped(encode(Stop(who="vic", reason="pressed on page 2", press="a1")))
     deeds.state(state("stopped", 6.0, holder="", cause="STOP by vic"))
     deeds.heard(asked("clear", who="bob", ok=False))
     deeds.heard(asked("clear"))
