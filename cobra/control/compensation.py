@@ -10,9 +10,9 @@ import numpy as np
 from cobra.kinematics.configuration import Floats
 from cobra.mechanics.rubbing import Rubbing
 
-TAKE_UP_RAD_S = 3.0
+TAKE_UP_RAD_S = 5.0
 """No lost motion is taken up faster, as bend of the straight tendon map."""
-ASTRAY_RAD = 0.01
+ASTRAY_RAD = 0.005
 """Bends may err by this where setting them right costs a reversal of their drives, which crosses all that friction holds."""
 BEHIND_RAD = 1e-3
 """And by this in the direction in which they move."""

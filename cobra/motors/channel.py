@@ -18,6 +18,7 @@ from cobra.clock import Clock
 from cobra.description import Bus
 from cobra.motors.bus import BusError, ChannelHealth
 from cobra.motors.frame_bits import frame_bits
+from cobra.motors.serial_reading import read_ahead
 
 CHANNEL_ERRORS: Final = (can.CanError, OSError, ValueError, ImportError, NotImplementedError)
 """What python-can's interfaces raise when a channel cannot be opened or is gone."""
@@ -283,9 +284,11 @@ class Channel:
     def _opened(self) -> can.BusABC:
         bus = self.described
         try:
-            return can.Bus(
+            opened = can.Bus(
                 interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate, ignore_config=True, **self._options
             )
+            read_ahead(opened)
+            return opened
         except CHANNEL_ERRORS as error:
             advice = _ADVICE.get(bus.interface, "check buses.interface, buses.channel and buses.options")
             advice = advice.format(channel=bus.channel, bitrate=bus.bitrate)

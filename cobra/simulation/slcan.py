@@ -47,12 +47,15 @@ class SlcanPort:
 
     def feed(self, data: bytes) -> None:
         """Take bytes of the program; whole lines are carried out and answered."""
+        answers = bytearray()
         for byte in data:
             if byte == 0x0D:
                 line, self._line = bytes(self._line), bytearray()
-                self._write(self._carry_out(line.decode("latin-1")))
+                answers += self._carry_out(line.decode("latin-1"))
             elif len(self._line) < MAX_LINE:
                 self._line.append(byte)
+        if answers:
+            self._write(bytes(answers))
 
     def show(self, frame: can.Message) -> None:
         """A frame that is on the bus: tell the program, if it has opened the channel."""

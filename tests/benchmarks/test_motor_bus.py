@@ -1,5 +1,7 @@
 """The motor bus: frames encoded and decoded, a burst of 14 drives against one drive after the other, the log's price."""
 
+import os
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -16,6 +18,7 @@ from cobra.motors.frame_bits import frame_bits
 from cobra.motors.open_bus import open_bus
 from cobra.motors.rmd import RMD_V1, decode, encode
 from cobra.motors.rmd_channel import RmdChannel, outgoing
+from cobra.motors.serial_reading import read_ahead
 
 pytestmark = pytest.mark.benchmark
 
@@ -74,6 +77,39 @@ class LatentDrives(can.BusABC):
         while (remaining := self._waiting[0][0] - time.perf_counter()) > 0:
             time.sleep(remaining)
         return self._waiting.popleft()[1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals of POSIX")
+def test_reading_a_serial_adapter(capsys: pytest.CaptureFixture[str]) -> None:
+    """python-can's slcan driver on its own port, one byte after the other, and on one that reads ahead."""
+    import tty  # POSIX only
+
+    replies = b"t1418A4320000D00700FF\r\r" * 14
+    cpu: list[float] = []
+    for reads_ahead in (False, True):
+        far, near = os.openpty()
+        tty.setraw(near)
+        bus = can.Bus(
+            interface="slcan", channel=os.ttyname(near), bitrate=1_000_000, sleep_after_open=0, ignore_config=True
+        )
+        if reads_ahead:
+            read_ahead(bus)
+        began = time.thread_time()
+        for _ in range(200):
+            os.write(far, replies)
+            got = 0
+            while got < 14:
+                got += bus.recv(0.1) is not None
+        cpu.append((time.thread_time() - began) / (200 * 14))
+        bus.shutdown()
+        os.close(far)
+        os.close(near)
+    with capsys.disabled():
+        print(
+            f"\nslcan, a reply read: {1e6 * cpu[0]:.0f} us of CPU byte by byte, {1e6 * cpu[1]:.0f} us reading ahead "
+            f"({cpu[0] / cpu[1]:.1f} times less)"
+        )
+    assert cpu[1] < cpu[0]
 
 
 def test_encoding_and_decoding(capsys: pytest.CaptureFixture[str]) -> None:
