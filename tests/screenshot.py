@@ -44,7 +44,7 @@ def main(picture: Path) -> None:
         notice = viewer.locator(".mantine-Notification-root button").first
         notice.wait_for(timeout=60_000)
         notice.click(force=True)
-        tab.wait_for_timeout(8000)  # software rendering: let some frames be drawn
+        tab.wait_for_timeout(25_000)  # software rendering: let some frames be drawn
         tab.screenshot(path=picture)
         browser.close()
 

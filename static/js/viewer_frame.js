@@ -32,6 +32,12 @@
     };
   }
 
+  // viser shows its scene at a twentieth of its brightness until its lamps are ready: half a minute where they are drawn in
+  // software, in which somebody may drive.
+  const bright = document.createElement("style");
+  bright.textContent = "canvas { opacity: 1 !important; }";
+  document.head.append(bright);
+
   // viser reconnects only while its document has the focus, which a frame or a wall monitor never has.
   Document.prototype.hasFocus = function () {
     return !this.hidden;
