@@ -23,9 +23,18 @@ POLL_S: Final = 0.1
 
 
 def serve(
-    robot: str, *, where: str, simulation: Simulation, timing: str, latency_ms: float, faults: Sequence[str]
+    robot: str,
+    *,
+    where: str,
+    simulation: Simulation,
+    timing: str,
+    latency_ms: float,
+    faults: Sequence[str],
+    drive_with: Sequence[str] = (),
 ) -> int:
     """Serve until Ctrl-C. Faults are taken from standard input, a line each.
+
+    `drive_with`: options that whoever drives these drives must give too.
 
     Raises:
         OperatorError: with one clear line.
@@ -53,7 +62,7 @@ def serve(
             print(desk.make(line), flush=True)
         for adapter in adapters:
             adapter.start(done)
-        _introduce(robot, adapters)
+        _introduce(robot, adapters, drive_with)
         _take_faults(desk, done)
     finally:
         done.set()
@@ -62,13 +71,11 @@ def serve(
     return 0
 
 
-def _introduce(robot: str, adapters: list["_Adapter"]) -> None:
+def _introduce(robot: str, adapters: list["_Adapter"], drive_with: Sequence[str]) -> None:
     for adapter in adapters:
         print(f"bus {adapter.name}: slcan {adapter.endpoint.channel}", flush=True)
-    routes = " ".join(
-        f"--bus {adapter.name}=slcan:{adapter.endpoint.channel}?sleep_after_open=0" for adapter in adapters
-    )
-    print(f"drive it with: cobra-teleop --robot {robot} {routes}")
+    routes = [f"--bus {adapter.name}=slcan:{adapter.endpoint.channel}?sleep_after_open=0" for adapter in adapters]
+    print(f"drive it with: cobra-teleop --robot {robot} {' '.join([*routes, *drive_with])}")
     print("faults, a line each: e.g. 'drop S1 0.2', 'heal'; 'help' lists them; Ctrl-C ends", flush=True)
 
 

@@ -88,7 +88,7 @@ def run_robot(
     done = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: done.set())
-    believed = simulation.told(description) if is_simulated(description) else description
+    believed = simulation.told(description)
     cells = LoadCells(description, clock)
     with open_bus(description, clock, can_log, cells) as bus:
         world = _world(description)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shlex
 import subprocess
 import sys
 import threading
@@ -16,6 +17,7 @@ from cobra.loading import description_text
 from cobra.messages import Command, Intent, Reply, Request, RobotState
 from tests.stack import Observer, wait_for
 
+DRIVEN_WITH = "drive it with: cobra-teleop "
 BUS = re.compile(r"^bus (\S+): slcan (\S+)$", re.MULTILINE)
 
 
@@ -35,6 +37,8 @@ class Drives:
             )
         wait_for("the drives", lambda: "Ctrl-C ends" in self._text()[before:], 60.0)
         self.channels = dict(BUS.findall(self._text()[before:]))
+        line = next(line for line in self._text()[before:].splitlines() if line.startswith(DRIVEN_WITH))
+        self.driven_with = shlex.split(line.removeprefix(DRIVEN_WITH))
 
     def make(self, fault: str) -> None:
         """Ask for a fault, and wait until it is there."""
@@ -57,25 +61,17 @@ class Drives:
 class Rig:
     """Drives, robot process and a driver's stream of commands at 50 Hz."""
 
-    def __init__(self, folder: Path, *serve: str, rate_Hz: float = 50.0, add: str = "") -> None:
-        """`rate_Hz`: python-can's slcan driver reads a byte at a time, which on a busy machine leaves 100 Hz little room.
-
-        `add` is TOML for the end of the description.
-        """
-        text = description_text("cobra").replace("loop_rate_Hz = 100.0", f"loop_rate_Hz = {rate_Hz}") + add
+    def __init__(self, folder: Path, *serve: str, rate_Hz: float = 50.0) -> None:
+        """`rate_Hz`: two processes that simulate and drive leave a busy machine little room at 100 Hz."""
+        text = description_text("cobra").replace("loop_rate_Hz = 100.0", f"loop_rate_Hz = {rate_Hz}")
         robot = str(folder / "cobra.toml")
         Path(robot).write_text(text, "utf-8")
         self.drives = Drives(folder, "--robot", robot, *serve)
-        routes = [
-            word
-            for name, channel in self.drives.channels.items()
-            for word in ("--bus", f"{name}=slcan:{channel}?sleep_after_open=0")
-        ]
         self.output = folder / "robot.txt"
         environment = {**os.environ, "COBRA_TELEOP_RUNTIME_DIR": str(folder), "COBRA_TELEOP_DATA_DIR": str(folder)}
         with self.output.open("wb") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "app", "robot", "--robot", robot, *routes],
+                [sys.executable, "-m", "app", "robot", *self.drives.driven_with],
                 env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
             )  # fmt: skip
         entry = folder / "robot-cobra.json"
@@ -164,8 +160,8 @@ class Rig:
 
 
 @contextlib.contextmanager
-def served(folder: Path, *serve: str, rate_Hz: float = 50.0, add: str = "") -> Iterator[Rig]:
-    rig = Rig(folder, *serve, rate_Hz=rate_Hz, add=add)
+def served(folder: Path, *serve: str, rate_Hz: float = 50.0) -> Iterator[Rig]:
+    rig = Rig(folder, *serve, rate_Hz=rate_Hz)
     try:
         yield rig
     finally:

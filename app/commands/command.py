@@ -153,6 +153,16 @@ def as_options(simulation: Simulation) -> tuple[str, ...]:
     )
 
 
+def told_options(simulation: Simulation) -> tuple[str, ...]:
+    """Those by which a robot process learns what `Simulation.told` tells, where another process simulates its drives."""
+    s = simulation
+    return (
+        *(("--twin", s.twin) if s.twin != AS_DESCRIBED.twin else ()),
+        *(("--losses", s.losses) if s.losses == "off" else ()),
+        *(("--gravity", *map(str, s.gravity_m_s2)) if s.gravity_m_s2 is not None else ()),
+    )
+
+
 @dataclass(frozen=True)
 class Command:
     """A subcommand. `name` may be of two words: "motors scan"."""

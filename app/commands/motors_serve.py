@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from app.commands.command import AS_DESCRIBED, Command, RobotName, Simulated
+from app.commands.command import AS_DESCRIBED, Command, RobotName, Simulated, told_options
 
 
 def motors_serve(
@@ -25,8 +25,15 @@ def motors_serve(
 ) -> int:
     from app.motors_serve import serve
 
+    simulation = simulated.simulation()
     return serve(
-        robot, where=slcan, simulation=simulated.simulation(), timing=timing, latency_ms=latency_ms, faults=fault
+        robot,
+        where=slcan,
+        simulation=simulation,
+        timing=timing,
+        latency_ms=latency_ms,
+        faults=fault,
+        drive_with=told_options(simulation),
     )
 
 

@@ -111,6 +111,8 @@ def test_the_scene_is_drawn_and_nothing_fails_in_the_page(tab, tmp_path):
         canvas = tab.frame_locator("#viewer").locator('canvas[data-engine^="three.js"]')
         canvas.wait_for()
         assert canvas.bounding_box()["width"] > WIDTH / 4
-        assert canvas.evaluate("canvas => getComputedStyle(canvas).opacity") == "1", "never faded, as while its lamps load"
+        assert canvas.evaluate("canvas => getComputedStyle(canvas).opacity") == "1", (
+            "never faded, as while its lamps load"
+        )
         tab.get_by_test_id("state").filter(has_text="Disarmed").wait_for()
     assert errors == []

@@ -21,9 +21,7 @@ DRIVEN = 2
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    # The ideal twin's tendons are not those of the description: whoever drives it must not take them into account.
-    untold = "\n[compensation]\nenabled = false\n"
-    with served(tmp_path_factory.mktemp("served"), "--slcan", "tcp:0", "--twin", "ideal", add=untold) as rig:
+    with served(tmp_path_factory.mktemp("served"), "--slcan", "tcp:0", "--twin", "ideal") as rig:
         yield rig
 
 
