@@ -163,10 +163,11 @@ class Scene:
             self._trail.append((stamp, pose.tip_position))
 
     def _draw_trail(self) -> None:
-        if not self._trail:
+        trail = tuple(self._trail)  # somebody may begin it anew meanwhile
+        if not trail:
             return
-        oldest = self._trail[-1][0] - TRAIL_S
-        places = [place for stamp, place in self._trail if stamp >= oldest] + [self.tip_position]
+        oldest = trail[-1][0] - TRAIL_S
+        places = [place for stamp, place in trail if stamp >= oldest] + [self.tip_position]
         # Always the same number of points, so that their fading colours are sent once.
         places = [places[0]] * (self._detail.trail_points + 1 - len(places)) + places
         points = np.array(places)

@@ -57,7 +57,7 @@ def _tile(robot: WatchedRobot) -> Tile:
     state, age = robot.latest(), robot.age()
     alarms: list[Alarm] = []
     if state is not None:
-        alarms = [Alarm(text=e.text, ago=state.stamp - e.stamp) for e in robot.events if e.level == "alarm"]
+        alarms = [Alarm(text=e.text, ago=state.stamp - e.stamp) for e in tuple(robot.events) if e.level == "alarm"]
         alarms = [alarm for alarm in alarms if alarm["ago"] < ALARMS_OF_S]
     return Tile(
         name=robot.name,
