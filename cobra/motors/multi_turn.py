@@ -16,18 +16,27 @@ Bools = NDArray[np.bool_]
 RESTART_S: Final = 0.15
 """A drive that was silent for longer may have been without power, and counts turns from anew."""
 
+SAFE_TURN_DEG: Final = 144.0
+"""A shaft that may have turned farther than this since its last reading may have turned more than half a turn."""
+JUMP_DEG: Final = 60.0
+"""A shaft cannot have turned by so much more than at full speed since its last reading: that is 15 ms of delay of the reply
+before, at full speed."""
+
 
 class MultiTurn:
     """Angles of n motor shafts [degrees], NaN until anchored."""
 
-    def __init__(self, counts_per_turn: Floats, safe_gap_s: Floats) -> None:
-        """`safe_gap_s`: at full speed a shaft turns less than half a turn in this time. Both (n,)."""
+    def __init__(self, counts_per_turn: Floats, full_speed_dps: Floats) -> None:
+        """Both (n,), of the motor shafts."""
         n = len(counts_per_turn)
         self.angle_deg: Floats = np.full(n, np.nan)
         self.doubtful: Bools = np.ones(n, dtype=bool)
         """Turns guessed over a long gap, or not yet anchored: 0x92 is wanted."""
+        self.jump_deg: Floats = np.zeros(n)
+        """By how much a shaft was elsewhere in the newest reading than it can have turned to since the one before; 0: it was not."""
         self._counts = counts_per_turn
-        self._safe_gap_s = safe_gap_s
+        self._full_speed_dps = full_speed_dps
+        self._safe_gap_s = SAFE_TURN_DEG / full_speed_dps
         self._encoder: Floats = np.full(n, np.nan)
         self._speed_dps: Floats = np.zeros(n)
         self._time_s: Floats = np.full(n, -np.inf)
@@ -45,7 +54,10 @@ class MultiTurn:
         step += np.round((expected - step) / self._counts) * self._counts
         self._before_deg = np.where(long & ~self.doubtful, self.angle_deg, self._before_deg)
         self._silence_s = np.maximum(self._silence_s, gap)
-        self.angle_deg += step * (360.0 / self._counts)
+        step_deg = step * (360.0 / self._counts)
+        possible_deg = self._full_speed_dps * gap + JUMP_DEG
+        self.jump_deg = np.where(~long & (np.abs(step_deg) > possible_deg), step_deg, 0.0)
+        self.angle_deg += step_deg
         self.doubtful |= long
         self._encoder = np.where(fresh, encoder, self._encoder)
         self._speed_dps = np.where(fresh, speed_dps, self._speed_dps)

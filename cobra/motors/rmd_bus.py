@@ -77,7 +77,7 @@ class RmdBus(ChannelBus):
         self._coarse = np.array([link.coarse for link in self._drives], dtype=bool)
         per_turn = np.array([2.0**link.motor.encoder_bits for link in self._drives])
         full_speed = ratio * np.array([link.motor.max_speed_rad_s for link in self._drives])
-        self._turns = MultiTurn(per_turn, 0.8 * np.pi / full_speed)
+        self._turns = MultiTurn(per_turn, np.degrees(full_speed))
         self._motion: list[tuple[int, ...]] = [(0,) * MOTION_FIELDS] * n
         self._columns: Floats = np.zeros((n, MOTION_FIELDS))
         self._motion_time: Floats = np.full(n, np.nan)
@@ -285,6 +285,9 @@ class RmdBus(ChannelBus):
         self._seen |= valid
         columns = self._columns = np.array(self._motion, dtype=float)
         self._turns.advance(columns[:, 4], columns[:, 3], np.where(self._coarse, np.nan, self._motion_time))
+        for link, jump_deg in zip(self._drives, self._turns.jump_deg.tolist(), strict=True):
+            if jump_deg:
+                self._jumped(link, jump_deg / link.shaft_ratio)
         for key, reply in replies.items():
             if key in self._angle_of:
                 self._take_angle(self._angle_of[key], reply, valid)
