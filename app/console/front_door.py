@@ -18,6 +18,7 @@ from app.console.static_folder import static_folder
 from app.console.viewer_proxy import ViewerProxy
 from app.console.web_server import Door, WebServer
 from app.metrics import Metrics
+from cobra.control.realtime import PAGES_PRIORITY
 
 POLICY = "; ".join(
     (
@@ -88,6 +89,8 @@ class FrontDoor(WebServer):
         more: further routes, such as those of the recordings.
         metrics: what Prometheus may scrape; None serves none.
     """
+
+    realtime_priority = PAGES_PRIORITY
 
     def __init__(
         self,

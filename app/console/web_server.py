@@ -9,9 +9,9 @@ import socket
 import threading
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 from types import TracebackType
-from typing import Self, TypedDict
+from typing import Any, Self, TypedDict
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,6 +24,7 @@ from app.console.listening import Tls
 from app.console.sign_in import SignIn
 from app.console.static_folder import static_folder
 from app.people.sessions import Sessions
+from cobra.control.realtime import ask_for_realtime
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 WILDCARDS = ("0.0.0.0", "::")
@@ -52,6 +53,9 @@ class WebServer(ABC):
         port: port to listen on; 0 takes a free one.
         names, sessions, tls: see `Door`.
     """
+
+    realtime_priority: int | None = None
+    """What its thread asks for; None: none."""
 
     def __init__(
         self,
@@ -119,8 +123,13 @@ class WebServer(ABC):
         )
         self._server = uvicorn.Server(config)
         serving = self._serve(self._server, listener)
-        self._thread = threading.Thread(target=asyncio.run, args=(serving,), name="front door", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(serving,), name="front door", daemon=True)
         self._thread.start()
+
+    def _run(self, serving: Coroutine[Any, Any, None]) -> None:
+        if self.realtime_priority is not None:
+            ask_for_realtime(self.realtime_priority)
+        asyncio.run(serving)
 
     def stop(self) -> None:
         """Close all connections and the port; returns within a second, whatever the browsers do."""

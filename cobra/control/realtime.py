@@ -9,6 +9,9 @@ LOOP_PRIORITY = 40
 OTHERS_PRIORITY = 10
 """For the process's other threads: one that holds the interpreter's lock and is not scheduled would stop the loop too."""
 
+PAGES_PRIORITY = 5
+"""For the thread that takes what a driver's page sends: a browser on the same machine draws with all that is left."""
+
 
 def ask_for_realtime(priority: int) -> bool:
     """Ask for SCHED_FIFO for the calling thread and those that it starts; returns whether it was given."""

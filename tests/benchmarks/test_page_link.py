@@ -181,9 +181,7 @@ def test_a_pad_in_chromium_to_the_frame(tmp_path: Path) -> None:
         sync_playwright() as playwright,
         traced(stack) as trace,
     ):
-        tab = playwright.chromium.launch(
-            executable_path=polite_chromium(tmp_path), headless=True, args=ARGUMENTS
-        ).new_page()
+        tab = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=ARGUMENTS).new_page()
         without_scene(tab.context)
         tab.add_init_script(PAD)
         tab.goto(stack.url)
