@@ -111,8 +111,8 @@ def test_the_drives_outlive_the_link_and_an_adapter_that_comes_back_is_found_and
     assert "It is looked for again every second" in state.cause
     rig.let_go()
     rig.drives.start("--slcan", f"tcp:{channel.rpartition(':')[2]}")
-    state = rig.observer.wait("the adapter", lambda state: all(state.drives.valid))
-    assert state.phase == "fault"
+    state = rig.observer.wait("the adapter", lambda state: state.phase == "fault" and all(state.drives.valid))
+    assert "arm again" in state.cause
     assert state.reasons
     rig.ready()
 
