@@ -60,8 +60,7 @@ class RobotDeeds:
         if drives and not self._driver:
             self._driver, self._since = holder or self._holder, state.stamp
         elif self._driver and not drives:
-            why = state.cause if state.phase != "ready" else ""
-            self._trail.note(self._driver, f"drove {state.stamp - self._since:.1f} s", why)
+            self._trail.note(self._driver, f"drove {state.stamp - self._since:.1f} s", state.cause)
             self._driver = ""
         self._holder = holder or self._holder
 

@@ -73,8 +73,8 @@ def run_robot(
         DescriptionError, LinkError, BusError: with one clear line.
     """
     description = rerouted(simulated(robot, simulation), routes)
+    ask_for_realtime(OTHERS_PRIORITY)  # every thread that starts from here on has it too
     logs.start(f"robot-{description.name}")
-    ask_for_realtime(OTHERS_PRIORITY)
     if endpoint and not on_loopback(endpoint):
         raise LinkError(
             f"{endpoint} is open to the network, and whoever reaches it could drive: listen on loopback, and let the "

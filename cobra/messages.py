@@ -57,6 +57,8 @@ class Command(Message, frozen=True, kw_only=True):
     intent: Intent = Intent()
     input_stamp: float = 0.0
     """When the device was read [s, sender's clock]; only for measuring."""
+    ended: str = ""
+    """Why the last drive ended, where its driver did not let go; for people."""
 
 
 class Request(Message, frozen=True, kw_only=True):

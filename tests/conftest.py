@@ -52,6 +52,7 @@ IN_REAL_TIME = (
     "/recording/",
     "test_commission.py",
     "test_panels.py",
+    "test_precedence.py",
     "test_router.py",
     "test_watching.py",
 )

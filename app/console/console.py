@@ -1,6 +1,5 @@
 """The console: pad, page and scene around one robot process, started and ended together."""
 
-import contextlib
 import gc
 import getpass
 import json
@@ -45,6 +44,7 @@ from app.people.users import Users
 from app.recording import storage
 from app.recording.drive_from import DriveFrom, plan
 from cobra.clock import SystemClock
+from cobra.control.realtime import CONSOLE_PRIORITY, ordinary_scheduling, realtime
 from cobra.description import RobotDescription
 from cobra.loading import load_description, parse_description
 from cobra.messages import Meta, Request
@@ -52,7 +52,6 @@ from cobra.simulation.options import AS_DESCRIBED, Simulation
 
 log = logging.getLogger("cobra.console")
 SWITCH_INTERVAL_S = 0.0005
-PRECEDENCE = 20
 LOG_TOO_LATE = "the robot process was running already: --record-can and --can-log count from its next start"
 
 
@@ -105,10 +104,13 @@ class Console:
         Raises:
             DescriptionError, BusyError, RobotStartError, LinkError: with one clear line.
         """
+        with realtime(CONSOLE_PRIORITY):  # every thread that starts from here on has it too
+            return self._start()
+
+    def _start(self) -> int:
         options = self._options
         # The pad's thread and the driver's must not wait 5 ms behind a busy scene.
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        _ask_for_precedence()
         users, tls = Users(), load_tls(options.tls_cert, options.tls_key)
         danger = listening.danger(options.host, bool(users.all()), tls is not None, options.insecure)
         elsewhere = RobotElsewhere(options.endpoint, options.access, options.robot) if options.endpoint else None
@@ -339,16 +341,9 @@ def _say(description: RobotDescription, url: str, note: str, how: str, danger: s
     print(f"{description.title}: {how}. Page: {url}   (Ctrl-C ends it)", flush=True)
 
 
-def _ask_for_precedence() -> None:
-    """Go before other programs where the machine allows it: a driver's commands are valid for 200 ms only."""
-    with contextlib.suppress(OSError):
-        os.nice(-PRECEDENCE)
-
-
 def _open_browser(url: str) -> None:
-    """In a thread of its own, as Linux has a precedence per thread: the browser is one of the other programs."""
-    if sys.platform == "linux":
-        os.nice(max(0, -os.getpriority(os.PRIO_PROCESS, 0)))
+    """In a thread of its own, as its precedence is its own: the browser is one of the other programs."""
+    ordinary_scheduling()
     webbrowser.open(url)
 
 

@@ -236,6 +236,7 @@ class Driver:
             held=wanted.held,
             intent=wanted.intent,
             input_stamp=wanted.input_stamp,
+            ended=wanted.ended,
         )
         link.send(command)
         self._sent(wanted, command)

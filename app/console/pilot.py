@@ -71,6 +71,8 @@ class Wanted(NamedTuple):
     controls: Controls
     """The driving source's newest reading; at rest when nobody drives."""
     selection: Selection
+    ended: str
+    """Why the last drive ended, where its driver did not let go; empty while somebody drives."""
 
 
 class Status(NamedTuple):
@@ -128,6 +130,7 @@ class Pilot:
         self._poses: tuple[str, ...] = ()
         self._actions: list[Action] = []
         self._last_end = ""
+        self._ended = ""
         self._counts: Counter[str] = Counter()
 
     def attach(self, key: str, device: InputSource) -> None:
@@ -225,7 +228,9 @@ class Pilot:
                 controls = replace(controls, buttons=controls.buttons | {CLUTCH})
             intent = map_controls(controls, controls, self._selection, self._shape(source), self._description).intent
             intent = replace(intent, speed=intent.speed * pace(controls.lag_s + robot_lag_s))
-            return Wanted(source is not None, intent, controls.stamp, self._driver, controls, self._selection)
+            return Wanted(
+                source is not None, intent, controls.stamp, self._driver, controls, self._selection, self._ended
+            )
 
     def take_actions(self) -> tuple[Action, ...]:
         """What buttons asked for since the last call."""
@@ -286,6 +291,7 @@ class Pilot:
         if not held:
             if source.stage == "driving":
                 self._end(f"{self._name(key)} let go")
+                self._ended = ""
             source.stage = "ready"
         elif source.stage == "ready":
             source.stage = "pressed" if at_rest else "release"
@@ -300,7 +306,7 @@ class Pilot:
         phase = self._phase_at(now)
         if not self._driver and phase == "ready":
             source.stage = "driving"
-            self._driver, self._engaged_s, self._answered = key, now, False
+            self._driver, self._engaged_s, self._answered, self._ended = key, now, False, ""
         elif self._driver or phase != "driving" or now - source.pressed_s > ANSWER_S:
             # `driving` is the echo of the drive before: only for that is it worth waiting.
             source.stage = "release"
@@ -349,7 +355,7 @@ class Pilot:
     def _end(self, why: str) -> None:
         """Nobody drives any more; whoever holds the dead-man lets go first."""
         if self._driver:
-            self._last_end = why
+            self._last_end = self._ended = why
         self._driver = ""
         for source in self._sources.values():
             if source.stage != "ready":

@@ -39,14 +39,19 @@ class Changes:
     def _tell_phase(self, state: RobotState) -> None:
         cause = self._supervisor.cause
         before, self._told = self._told, (state.phase, cause)
-        pressed_or_let_go = {state.phase, before[0]} == {"ready", "driving"}
+        pressed_or_let_go = not cause and {state.phase, before[0]} == {"ready", "driving"}
         if self._told == before or pressed_or_let_go:
             return
         if state.phase == "stopped" and before[0] != "stopped":
             # Told of when it arrived.
             return
+        cut_short = state.phase == "ready" and cause
         level: Literal["info", "warning", "alarm"] = (
-            "alarm" if state.phase in ("stopped", "fault") else "warning" if state.phase == "holding" else "info"
+            "alarm"
+            if state.phase in ("stopped", "fault")
+            else "warning"
+            if state.phase == "holding" or cut_short
+            else "info"
         )
         self._announce(Event(stamp=state.stamp, level=level, text=f"{state.phase}: {cause}" if cause else state.phase))
 

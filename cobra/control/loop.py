@@ -230,12 +230,13 @@ class RobotLoop:
         supervisor, now = self.supervisor, self.clock.now()
         setpoints = self.setpoints
         waiting = supervisor.phase in ("disarmed", "fault", "stopped")
+        limited = setpoints.limited if supervisor.phase == "driving" else ""
         return RobotState(
             robot=self.description.name,
             stamp=now,
             tick=self._tick,
             phase=supervisor.phase,
-            cause=supervisor.cause or setpoints.limited or self._procedures.doing,
+            cause=supervisor.cause or limited or self._procedures.doing,
             reasons=supervisor.arming_reasons(health, self._arrivals.drive, now) if waiting else (),
             homed=supervisor.homed,
             epoch=self.authority.epoch,

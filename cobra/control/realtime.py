@@ -12,6 +12,11 @@ OTHERS_PRIORITY = 10
 PAGES_PRIORITY = 5
 """For the thread that takes what a driver's page sends: a browser on the same machine draws with all that is left."""
 
+CONSOLE_PRIORITY = 2
+"""For everything else in the console. With a browser on the same machine a drawing thread that was waiting for a
+processor, and held the interpreter's lock, held the driver's commands up for half a second. Niceness does not help:
+Linux weighs it within one session only (autogroup)."""
+
 
 def ask_for_realtime(priority: int) -> bool:
     """Ask for SCHED_FIFO for the calling thread and those that it starts; returns whether it was given."""
@@ -22,6 +27,12 @@ def ask_for_realtime(priority: int) -> bool:
     except (PermissionError, OSError):
         return False
     return True
+
+
+def ordinary_scheduling() -> None:
+    """For the calling thread and those that it starts: no precedence any more. Processes inherit it, wanted or not."""
+    if sys.platform.startswith("linux"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextlib.contextmanager

@@ -123,7 +123,8 @@ class Supervisor:
         elif not _fresh(drive, now_s):
             self._enter("holding", "the driver's commands stopped arriving. Let go, centre, press again.")
         elif not drive.command.held:
-            self._enter("ready")
+            ended = drive.command.ended
+            self._enter("ready", f"{ended}. Let go, centre, press again." if ended else "")
 
     def _wait_for_press(self, now_s: float, drive: Drive | None, health: Health) -> None:
         if drive is None or not _fresh(drive, now_s):

@@ -154,12 +154,22 @@ def test_a_re_plug_between_two_ticks_ends_the_drive_when_the_pad_reports_it(desk
     assert desk.drives_again_only_after_release_centre_press()
 
 
+def test_letting_go_needs_no_explanation_and_the_next_press_takes_the_last_one_away(desk):
+    desk.drive()
+    assert desk.holds(REST).ended == ""
+    desk.drive()
+    assert desk.holds(Controls(connected=False)).ended == "Red Pad is not connected"
+    desk.drive()
+    assert desk.tick().ended == ""
+
+
 def test_a_pad_whose_thread_hangs_ends_the_drive_after_200_ms(desk):
     desk.drive()
     desk.pad.hangs_since = desk.clock.now()
     assert desk.tick(round(SILENCE_S / TICK_S) - 1).held
-    assert not desk.tick(3).held
-    assert desk.last_end == "Red Pad fell silent"
+    wanted = desk.tick(3)
+    assert not wanted.held
+    assert desk.last_end == wanted.ended == "Red Pad fell silent"
     desk.pad.hangs_since = None
     assert desk.drives_again_only_after_release_centre_press()
 

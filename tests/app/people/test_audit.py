@@ -44,6 +44,8 @@ def test_a_drive_from_taking_the_controls_to_clearing_the_stop(trail, tmp_path):
     deeds.heard(asked("clear", who="bob", ok=False))
     deeds.heard(asked("clear"))
     deeds.stopped(b"\xc1")
+    deeds.state(state("driving", 7.0))
+    deeds.state(state("ready", 8.0, cause="page 1 fell silent"))
     trail.stop()
     (file,) = tmp_path.iterdir()
     written = [(deed.who, deed.what, deed.detail) for deed in read(file)]
@@ -56,6 +58,7 @@ def test_a_drive_from_taking_the_controls_to_clearing_the_stop(trail, tmp_path):
         ("bob", "was refused: clear", "no"),
         ("anna", "cleared the stop", ""),
         ("somebody", "STOP", "the message was damaged"),
+        ("anna", "drove 1.0 s", "page 1 fell silent"),
     ]
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert not any(secret in file.read_text() for secret in ("abcd", "fedcba98"))

@@ -103,7 +103,7 @@ def test_a_recorder_that_hangs_is_told_and_never_waited_for(console: Console, mo
     try:
         wait_for("the news", lambda: "does not answer" in console.recorder.problem)
         # Far more than a pipe and the queue hold.
-        wanted = Wanted(True, Intent(), 0.0, "pad", Controls(), Selection(section=0, level=0))
+        wanted = Wanted(True, Intent(), 0.0, "pad", Controls(), Selection(section=0, level=0), "")
         command = Command(lease="", epoch=0, sequence=1, echo=0.0, held=True)
         for _ in range(10 * WAITING):
             console.recorder.sent(wanted, command)

@@ -1,5 +1,6 @@
 """Claims about the robot's states: nothing moves without a fresh held command, and after every end: release, centre, press."""
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -51,6 +52,15 @@ def test_letting_go_stops_in_the_same_tick_without_a_warning(ready):
     press(ready)
     assert not ready.tick(1.02, drive(False, 1.02, x=1.0), WELL)
     assert (ready.phase, ready.cause) == ("ready", "")
+
+
+def test_a_drive_that_its_console_ended_says_why_until_the_next_press(ready):
+    press(ready)
+    told = msgspec.structs.replace(drive(False, 1.02).command, ended="page 1 fell silent")
+    assert not ready.tick(1.02, Drive(told, 1.02), WELL)
+    assert (ready.phase, ready.cause) == ("ready", "page 1 fell silent. Let go, centre, press again.")
+    press(ready, 2.0)
+    assert (ready.phase, ready.cause) == ("driving", "")
 
 
 def test_a_lost_stream_holds_after_the_validity_and_says_what_to_do(ready):
