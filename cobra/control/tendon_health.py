@@ -11,7 +11,10 @@ Only what no moment explains is held against a tendon: the part of the unforesee
 long as the antagonist alone needs to bend the robot, and where nothing moves a jam does not show.
 """
 
+from collections import deque
+
 import numpy as np
+from numpy.typing import NDArray
 
 from cobra.control.estimation import TendonEstimate
 from cobra.description import RobotDescription
@@ -69,31 +72,23 @@ class TendonHealth:
         """Forget what was found."""
         m = len(self._names)
         self.faults: tuple[str, ...] = ()
-        self._past: list[tuple[Floats, Floats, Floats]] = []
+        self._past: deque[tuple[Floats, Floats, Floats]] = deque(maxlen=LOOK_BACK_TICKS)
         self._lost_s = np.zeros(m)
         self._slack_s = np.zeros(m)
         self._before = np.zeros(m)
-        self._beyond: list[tuple[Floats, Floats]] = []
+        self._beyond: deque[tuple[Floats, Floats]] = deque(maxlen=JAM_WINDOW_TICKS)
         self._jam_s = np.zeros(m)
 
     def observe(self, estimate: TendonEstimate, travel_m: Floats, dt_s: float) -> None:
         """One tick: tensions, what the model expects, and where the tendons' drives stand (m,) [m]."""
         tension, expected_N = estimate.motor_N, estimate.expected_N
-        self._past = [*self._past, (tension, expected_N, travel_m)][-LOOK_BACK_TICKS:]
+        self._past.append((tension, expected_N, travel_m))
         before, expected_before, travel_before = self._past[0]
         # What the drive itself paid out, and what the model foresaw, is no fault's doing.
         foreseen = np.minimum(-(travel_m - travel_before) * self._stiffness, expected_N - expected_before)
         lost = before + np.minimum(foreseen, 0.0) - tension
-        sudden = (lost > SUDDEN_N) & (lost > SUDDEN_SHARE * before)
-        # A push or a wall gives the antagonist what it takes; what no moment explains is the tendon's own.
-        own = self._alone(lost)
-        alone = (lost > 2.0 * np.median(np.abs(lost)) + SUDDEN_N) & (own > SUDDEN_N) & (own > SUDDEN_OWN * lost)
-        fresh = sudden & alone & (self._lost_s == 0.0)
-        self._before = np.where(fresh, before, self._before)
-        # The largest loss is the fault; the others give way to it.
-        if np.any(fresh):
-            first = int(np.argmax(np.where(fresh, lost, -np.inf)))
-            self._lost_s[first] = dt_s
+        if np.any(sudden := (lost > SUDDEN_N) & (lost > SUDDEN_SHARE * before)):
+            self._suspect(sudden, lost, before, dt_s)
         running = self._lost_s > 0.0
         self._lost_s = np.where(running, self._lost_s + dt_s, 0.0)
         empty = tension < SLACK_SHARE * self._low
@@ -110,21 +105,34 @@ class TendonHealth:
             self._name(int(i), "stays slack though it is wound in: is it broken or off its spool?")
         self._look_for_jams(tension - expected_N, np.maximum(tension, expected_N), travel_m, dt_s)
 
+    def _suspect(self, sudden: NDArray[np.bool_], lost: Floats, before: Floats, dt_s: float) -> None:
+        """Of the tendons that lost tension at once, the one whose own loss it is: the others give way to it."""
+        # A push or a wall gives the antagonist what it takes; what no moment explains is the tendon's own.
+        own = self._alone(lost)
+        alone = (lost > 2.0 * np.median(np.abs(lost)) + SUDDEN_N) & (own > SUDDEN_N) & (own > SUDDEN_OWN * lost)
+        fresh = sudden & alone & (self._lost_s == 0.0)
+        self._before = np.where(fresh, before, self._before)
+        if np.any(fresh):
+            first = int(np.argmax(np.where(fresh, lost, -np.inf)))
+            self._lost_s[first] = dt_s
+
     def _look_for_jams(self, beyond: Floats, taut: Floats, travel_m: Floats, dt_s: float) -> None:
         """`beyond` (m,) is what of the tension `taut` is not foretold: it grows as the drive winds in against what is stuck."""
-        self._beyond = [*self._beyond, (beyond, travel_m)][-JAM_WINDOW_TICKS:]
+        self._beyond.append((beyond, travel_m))
         before, travel_before = self._beyond[0]
         moved, change = travel_m - travel_before, beyond - before
         answer = -change / np.where(moved == 0.0, 1.0, moved)
         share = JAM_SHARE + JAM_UNSURE_SHARE * self._unsure
         stiff = (np.abs(moved) > JAM_LEAST_M) & (answer > share * self._stiffness)
+        if not np.any(stiff) or self.faults:  # what another fault does to a tendon looks like a jam
+            self._jam_s[:] = 0.0
+            return
         unexplained = self._alone(change)
         doubt = JAM_BEYOND_N + JAM_TAUT_SHARE * taut
         doubt += self._unsure * (
             JAM_UNSURE_TAUT * self._tautest(taut) + JAM_UNSURE_TRIMS * np.abs(self._alone(self._stiffness * moved))
         )
-        # What another fault does to a tendon looks like a jam.
-        jammed = stiff & (np.sign(change) * unexplained > doubt) & (not self.faults) & (not np.any(self._lost_s))
+        jammed = stiff & (np.sign(change) * unexplained > doubt) & (not np.any(self._lost_s))
         self._jam_s = np.where(jammed, self._jam_s + dt_s, 0.0)
         if np.any(self._jam_s > JAM_CONFIRM_S):
             # Its neighbours feel it too, but less.

@@ -45,8 +45,8 @@ class JointRates:
         for i in self._scalars:
             out[i] += self._scalar_speed(i, q, velocity[i], wanted[i], dt_s) * dt_s
             out[i] = min(max(out[i], self.configuration.low[i]), self.configuration.high[i])
-        limits = np.stack([self._backbone.bend_limits(q), self._backbone.bend_limits(out)], axis=1)
-        for where, limit in zip(self.configuration.bends, limits, strict=True):
+        limits = self._backbone.bend_limits(np.array([q, out]))
+        for where, limit in zip(self.configuration.bends, limits.T, strict=True):
             out[where] = self._bend(q[where], velocity[where], wanted[where], where.start, limit, dt_s)
         return out
 
