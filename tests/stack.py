@@ -61,6 +61,7 @@ class Stack:
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=subprocess.STDOUT,
+                start_new_session=True,  # it gives its session precedence
             )
         self.url  # noqa: B018 - waits for it
         self.observer = self.observer or Observer(self.robot, self.running("robot").endpoint)

@@ -44,7 +44,7 @@ from app.people.users import Users
 from app.recording import storage
 from app.recording.drive_from import DriveFrom, plan
 from cobra.clock import SystemClock
-from cobra.control.realtime import CONSOLE_PRIORITY, ordinary_scheduling, realtime
+from cobra.control.realtime import ahead_of_others, as_others
 from cobra.description import RobotDescription
 from cobra.loading import load_description, parse_description
 from cobra.messages import Meta, Request
@@ -104,7 +104,7 @@ class Console:
         Raises:
             DescriptionError, BusyError, RobotStartError, LinkError: with one clear line.
         """
-        with realtime(CONSOLE_PRIORITY):  # every thread that starts from here on has it too
+        with ahead_of_others():
             return self._start()
 
     def _start(self) -> int:
@@ -343,7 +343,7 @@ def _say(description: RobotDescription, url: str, note: str, how: str, danger: s
 
 def _open_browser(url: str) -> None:
     """In a thread of its own, as its precedence is its own: the browser is one of the other programs."""
-    ordinary_scheduling()
+    as_others()
     webbrowser.open(url)
 
 

@@ -23,7 +23,6 @@ from app.link.access import DIRECT, LinkAccess, LinkError
 from app.link.listener import Listener
 from app.recording import channels, storage
 from app.recording.channels import Facts, Input, Kind, RecorderState
-from cobra.control.realtime import ordinary_scheduling
 from cobra.description import RobotDescription
 from cobra.errors import OperatorError
 from cobra.loading import DescriptionError, parse_description
@@ -366,7 +365,6 @@ class _Console:
 
 def _step_back() -> None:
     """Behind the robot and its driver, whatever precedence our parent has."""
-    ordinary_scheduling()
     if hasattr(os, "setpriority"):
         try:
             os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
