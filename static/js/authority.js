@@ -3,9 +3,12 @@
 import { ago, byId, make, setText } from "./format.js";
 
 export class Authority {
-  /** @param ask sends a request: (what, value, text) */
-  constructor(ask) {
+  /** @param ask sends a request: (what, value, text); @param lost called with who took the controls from this page */
+  constructor(ask, lost) {
     this.ask = ask;
+    this.lost = lost;
+    this.mine = false;
+    this.gave = "";
     this.shown = "";
     byId("take-dialog").addEventListener("close", (event) => {
       const reason = byId("take-reason").value.trim();
@@ -21,6 +24,10 @@ export class Authority {
     const asking = lease.asking ?? [];
     const mine = seat.shared ? lease.holder === facts.user || !lease.holder : seat.page === page;
     const driver = facts.role !== "viewer";
+    const taken = this.mine && !mine && lease.holder && ![facts.user, this.gave].includes(lease.holder);
+    if (taken && !seat.shared) this.lost(lease.holder);
+    if (mine !== this.mine) this.gave = "";
+    this.mine = mine;
     setText(byId("holder"), mine && asking.length ? `${asking[0]} asks for the controls` : holderText(state, mine, facts));
     byId("holder").title = [byId("holder").textContent, peopleText(state.people)].filter(Boolean).join(". ");
     const rows = [];
@@ -52,6 +59,7 @@ export class Authority {
       button.type = "button";
       button.dataset.testid = `controls-${what}`;
       button.addEventListener("click", () => {
+        if (what === "grant") this.gave = name;
         if (what === "take") byId("take-dialog").showModal();
         else this.ask(what, null, name);
       });

@@ -30,7 +30,10 @@ const instruments = new Instruments();
 const pad = new PadPicture(byId("pad-picture"));
 const alarms = new Alarms();
 const plot = new Plot();
-const authority = new Authority((what, value, text) => ask(what, value, text));
+const authority = new Authority((what, value, text) => ask(what, value, text), (who) => {
+  const told = state.events.find((event) => event.text.startsWith(`${who} took the controls`));
+  alarms.raise(`taken by ${who}`, told?.text ?? `${who} took the controls`);
+});
 const tables = new Tables();
 const lock = new Lock((what) => ask(what));
 const commissioning = new Commissioning((what, value, text) => ask(what, value, text));
@@ -86,7 +89,7 @@ const thin = new Thin(link, {
 
 const sticks = {};
 const driving = new Driving(
-  (reading) => link.controls(reading),
+  (reading) => facts && facts.role !== "viewer" && link.controls(reading),
   (reading) => {
     const twists = reading.buttons.includes("right_shoulder");
     sticks.left?.(reading.left);
@@ -230,6 +233,7 @@ document.addEventListener("visibilitychange", () => {
 function view(ticketPath) {
   picture = showView(ticketPath, link.view, thin.yes, {
     stop,
+    slow: () => showAnswer("This browser draws the 3D view without graphics hardware: plainly, and a few pictures a second."),
     // A letting go that was meant for a control of this page but went to the 3D view.
     pointerUp: () => {
       if (driving.pressed.size > 0) driving.end();
@@ -267,12 +271,13 @@ function draw() {
   const phase = shownPhase(state, link.connected);
   setAttribute(document.body, "data-phase", phase);
   setText(byId("state"), stateWord(phase));
-  setText(byId("cause"), causeOf(phase, state));
+  const may = Boolean(state && facts) && authority.show(state, facts, link.page, link.connected);
+  setText(byId("cause"), causeOf(phase, state, may));
   showNotice(phase);
   showButtons(phase);
   showQuality();
   if (!state || !facts) return;
-  document.body.classList.toggle("drives-not", !authority.show(state, facts, link.page, link.connected));
+  document.body.classList.toggle("drives-not", !may);
   alarms.snapshot(state);
   plot.show();
   showWho(phase);

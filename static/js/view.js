@@ -11,7 +11,7 @@ const ANSWER_MS = 2000;
  * @param word by which the console knows the views of this page
  * @param thin which of them to begin with
  * @param ticketPath where the view is found under the other name, for which this page's cookie is not valid
- * @param on {stop(), pointerUp()}
+ * @param on {stop(), pointerUp(), slow(), told once where the browser draws without graphics hardware}
  */
 export function showView(ticketPath, word, thin, on) {
   const frame = byId("viewer");
@@ -19,6 +19,7 @@ export function showView(ticketPath, word, thin, on) {
   const dark = !matchMedia("(prefers-color-scheme: light)").matches;
   const query = `?hideViserLogo${dark ? "&darkMode" : ""}`;
   const software = drawnInSoftware();
+  if (software) on.slow();
   const detailOf = (yes) => (software ? "plain/" : "") + (yes ? "thin/" : "");
   let detail = detailOf(thin);
   // Behind the #, where viewer_frame.js puts it into the path: so that the browser fetches viser's page only once.

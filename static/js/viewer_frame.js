@@ -1,5 +1,7 @@
 // Put into viser's page by the front door, ahead of viser's own script.
 (() => {
+  const PANEL_FROM_PX = 640;
+
   /** Drawn in software, a scene takes all there is: after each slow picture it waits as long again, for the page around it. */
   function leaveRoom() {
     const SLOW_MS = 25;
@@ -34,9 +36,9 @@
 
   // viser shows its scene at a twentieth of its brightness until its lamps are ready: half a minute where they are drawn in
   // software, in which somebody may drive.
-  const bright = document.createElement("style");
-  bright.textContent = "canvas { opacity: 1 !important; }";
-  document.head.append(bright);
+  const style = document.createElement("style");
+  style.textContent = "canvas { opacity: 1 !important; } #webgl-software-rendering { display: none !important; }";
+  document.head.append(style);
 
   // viser reconnects only while its document has the focus, which a frame or a wall monitor never has.
   Document.prototype.hasFocus = function () {
@@ -46,7 +48,11 @@
   if (location.hash.length > 1) {
     history.replaceState(null, "", `${location.pathname}${location.hash.slice(1)}${location.search}`);
   }
-  if (location.pathname.split("/").includes("plain")) leaveRoom();
+  const view = location.pathname.split("/");
+  if (view.includes("plain")) leaveRoom();
+  // Beside the tip's view, and on a phone, viser's panel would lie over the robot; the page around it says the same.
+  const panel = ".mantine-Paper-root:not(.mantine-Modal-content) { display: none !important; }";
+  style.textContent += view.includes("tip") ? panel : `@media (max-width: ${PANEL_FROM_PX}px) { ${panel} }`;
   if (parent === window) return;
 
   const tell = (what) => parent.postMessage({ viewer: what }, "*");

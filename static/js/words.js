@@ -28,11 +28,18 @@ export function stateWord(phase) {
   return STATES[phase][0];
 }
 
-/** Why it is in that state and what to do: the robot's own words where it gave any. */
-export function causeOf(phase, state) {
+/**
+ * Why it is in that state and what to do: the robot's own words where it gave any.
+ *
+ * @param may whether this page may drive; to others how to drive is no help
+ */
+export function causeOf(phase, state, may) {
   const own = ["offline", "silent"].includes(phase) ? "" : state.cause;
   if (own) return own.charAt(0).toUpperCase() + own.slice(1);
   if (phase === "disarmed" && state.reasons.length) return "The drives are off. What still prevents arming is listed beside Arm.";
+  const holder = state?.lease.holder;
+  if (!may && phase === "driving") return holder ? `${holder} drives.` : "";
+  if (!may && phase === "ready") return holder ? `${holder} has the controls.` : "Nobody has the controls.";
   return STATES[phase][1];
 }
 

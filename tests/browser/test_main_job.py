@@ -115,4 +115,11 @@ def test_the_scene_is_drawn_and_nothing_fails_in_the_page(tab, tmp_path):
             "never faded, as while its lamps load"
         )
         tab.get_by_test_id("state").filter(has_text="Disarmed").wait_for()
+        # Nothing lies over the robot: neither viser's notices, nor its panel where there is little room.
+        view = tab.frame_locator("#viewer")
+        panel = view.locator(".mantine-Paper-root")
+        assert tab.evaluate("innerWidth") < 640 or panel.first.is_visible()
+        assert not view.locator("#webgl-software-rendering").is_visible()
+        tab.set_viewport_size({"width": 600, "height": 800})
+        panel.first.wait_for(state="hidden")
     assert errors == []
