@@ -1,5 +1,7 @@
 """From the configuration to the motors and back: tendon map, transmission and the one exchange with the bus."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,21 +78,21 @@ class Drivetrain:
             self.feedback = self.bus.exchange(None if travel is None else self.transmission.angle(travel))
             self.gone = ""
         except BusError as error:
-            self.gone = str(error)
+            self._lose(error)
 
     def send(self, travel: Floats | None) -> None:
         """The sending half of `exchange`."""
         try:
             self.bus.burst(None if travel is None else self.transmission.angle(travel))
         except BusError as error:
-            self.gone = str(error)
+            self._lose(error)
 
     def gather(self) -> None:
         """The receiving half, but for what the replies say."""
         try:
             self.bus.gather()
         except BusError as error:
-            self.gone = str(error)
+            self._lose(error)
 
     def hear(self) -> None:
         """Keep what the replies say that were gathered last."""
@@ -98,7 +100,7 @@ class Drivetrain:
             self.feedback = self.bus.told()
             self.gone = ""
         except BusError as error:
-            self.gone = str(error)
+            self._lose(error)
 
     def switch_off(self, hold: bool) -> None:
         """The drives lose their torque, or with `hold` keep standing where they are."""
@@ -108,4 +110,11 @@ class Drivetrain:
             else:
                 self.bus.disable()
         except BusError as error:
-            self.gone = str(error)
+            self._lose(error)
+
+    def _lose(self, error: BusError) -> None:
+        """What the drives said last stands, but nobody may take it for news."""
+        self.gone = str(error)
+        if self.feedback is not None:
+            n = len(self.feedback.valid)
+            self.feedback = replace(self.feedback, valid=np.zeros(n, dtype=bool), age=np.full(n, np.inf))
