@@ -205,7 +205,7 @@ def _ms(seconds: float) -> str:
 def _age(seconds: float) -> str:
     """Rounded so that it can be read while it changes."""
     if not math.isfinite(seconds):
-        return "not heard"
+        return "–"
     return f"{1e3 * seconds:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s" if seconds < 100.0 else f"{seconds:.0f} s"
 
 
