@@ -288,7 +288,7 @@ def _run(bench: Bench, procedure: Bounded, *, quiet: bool = False) -> None:
         bench.run(procedure, (lambda _: None) if quiet else _say, stop)
     except AbortError as error:
         raise CommissionError(
-            f"ended: {error}. The drives hold where they are; `cobra-teleop motors off` lets them go"
+            f"ended: {error}{'' if str(error).endswith('?') else '.'} The drives hold where they are; `cobra-teleop motors off` lets them go"
         ) from None
     except BusError as error:
         raise CommissionError(f"ended: {error}") from None
