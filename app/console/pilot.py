@@ -82,8 +82,6 @@ class Status(NamedTuple):
     """Key of the source that drives, or empty."""
     words: dict[str, str]
     """For every source, by key: what it does, or what is missing for it to drive."""
-    last_end: str
-    """Why the last drive ended."""
     selection: Selection
     counts: dict[str, int]
     """Readings that were not usable, and ends of drives, by reason."""
@@ -129,7 +127,6 @@ class Pilot:
         self._phase_s = 0.0
         self._poses: tuple[str, ...] = ()
         self._actions: list[Action] = []
-        self._last_end = ""
         self._ended = ""
         self._counts: Counter[str] = Counter()
 
@@ -243,7 +240,7 @@ class Pilot:
         with self._lock:
             self._refresh(now)
             words = {key: self._words(key, source, now) for key, source in self._sources.items()}
-            return Status(self._driver, words, self._last_end, self._selection, dict(self._counts))
+            return Status(self._driver, words, self._selection, dict(self._counts))
 
     def _refresh(self, now: float) -> None:
         for key, source in self._sources.items():
@@ -355,7 +352,7 @@ class Pilot:
     def _end(self, why: str) -> None:
         """Nobody drives any more; whoever holds the dead-man lets go first."""
         if self._driver:
-            self._last_end = self._ended = why
+            self._ended = why
         self._driver = ""
         for source in self._sources.values():
             if source.stage != "ready":

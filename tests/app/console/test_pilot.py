@@ -81,8 +81,8 @@ class Desk:
         return self.pilot.status(self.clock.now()).words[source]
 
     @property
-    def last_end(self):
-        return self.pilot.status(self.clock.now()).last_end
+    def ended(self):
+        return self.pilot.command(self.clock.now()).ended
 
     def drives_again_only_after_release_centre_press(self, keep=BENDING):
         """From whatever ended the drive while the hand kept holding `keep`."""
@@ -141,7 +141,7 @@ def test_a_pad_that_is_pulled_out_ends_the_drive(desk):
     desk.drive()
     desk.pad.holds = Controls(connected=False)
     assert not desk.tick().held
-    assert desk.last_end == "Red Pad is not connected"
+    assert desk.ended == "Red Pad is not connected"
     assert desk.words() == "Red Pad is not connected"
     assert desk.drives_again_only_after_release_centre_press()
 
@@ -169,7 +169,7 @@ def test_a_pad_whose_thread_hangs_ends_the_drive_after_200_ms(desk):
     assert desk.tick(round(SILENCE_S / TICK_S) - 1).held
     wanted = desk.tick(3)
     assert not wanted.held
-    assert desk.last_end == wanted.ended == "Red Pad fell silent"
+    assert desk.ended == wanted.ended == "Red Pad fell silent"
     desk.pad.hangs_since = None
     assert desk.drives_again_only_after_release_centre_press()
 
@@ -180,7 +180,7 @@ def test_a_gap_in_a_held_stream_ends_the_drive_even_when_nobody_looked_during_it
     desk.pilot.robot_phase("driving")
     desk.page("pad", BENDING)
     assert not desk.pilot.command(desk.clock.now()).held
-    assert desk.last_end == "Red Pad fell silent"
+    assert desk.ended == "Red Pad fell silent"
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3.0])
@@ -216,7 +216,7 @@ def test_a_stick_with_a_hands_tremor_drives_on_and_frozen_in_mid_travel_it_ends(
     assert tremble(desk, 5.0, size=0.001).held
     assert desk.tick(150).held
     assert not desk.tick(100).held, "2 s without the tremor that it has shown to resolve"
-    assert desk.last_end == "Red Pad does not change any more, as if it were frozen"
+    assert desk.ended == "Red Pad does not change any more, as if it were frozen"
     assert desk.drives_again_only_after_release_centre_press(keep=desk.pad.holds)
 
 
@@ -246,7 +246,7 @@ def test_stop_acts_from_anyone_at_any_time_and_once_per_press(desk):
     b = Controls(buttons=frozenset({"b"}))
     desk.page("page 1", b)
     assert not desk.pilot.command(desk.clock.now()).held
-    assert desk.last_end == "STOP by page 1"
+    assert desk.ended == "STOP by page 1"
     assert desk.pilot.take_actions() == ("stop",)
     desk.page("page 1", b)
     assert desk.pilot.take_actions() == ()
@@ -323,7 +323,7 @@ def test_a_robot_that_falls_silent_ends_the_drive(desk):
     desk.robot = None
     assert desk.tick(round(ROBOT_SILENCE_S / TICK_S) - 1).held
     assert not desk.tick(3).held
-    assert desk.last_end == "no word from the robot"
+    assert desk.ended == "no word from the robot"
     desk.robot = "driving"  # it was only the line: what it reports first is the drive before
     assert not desk.tick(3).held
 
@@ -334,7 +334,7 @@ def test_a_robot_that_does_not_follow_may_not_start_to_move_later(desk):
     desk.holds(HELD)
     assert desk.holds(BENDING).held
     assert not desk.tick(round(ANSWER_S / TICK_S) + 1).held
-    assert desk.last_end == "the robot does not follow"
+    assert desk.ended == "the robot does not follow"
 
 
 def test_a_quick_second_press_waits_for_the_robot_to_report_its_stop(desk):
@@ -409,7 +409,7 @@ def test_a_page_that_falls_silent_ends_its_drive(desk):
     desk.pages.clear()
     assert desk.tick(round(SILENCE_S / TICK_S) - 1).held
     assert not desk.tick(3).held
-    assert desk.last_end == "page 1 fell silent"
+    assert desk.ended == "page 1 fell silent"
 
 
 def test_a_page_that_closes_ends_its_drive_at_once_and_another_page_starts_anew(desk):
