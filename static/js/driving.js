@@ -5,7 +5,7 @@
 // `end()` lets everything go; nothing resumes until it is pressed anew.
 
 const TICK_MS = 20; // 50 Hz while something is held or has just changed …
-const PAD_MS = 5; // The Gamepad API tells of no change: the pad is looked at this often, and a change is sent at once.
+const PAD_MS = 4; // The Gamepad API tells of no change: the pad is looked at this often, and a change is sent at once.
 const IDLE_TICKS = 5; // … else 10 Hz, so that nobody takes an idle page for a silent one.
 const RECENT_MS = 300;
 const CENTRE = [0, 0];

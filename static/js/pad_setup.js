@@ -6,6 +6,7 @@ import { byId, make, PLACE, setText } from "./format.js";
 import { PadPicture } from "./pad.js";
 
 const LOOK_MS = 500;
+const SAMPLE_MS = 10; // Not with the browser's frames: where it draws in software they miss most of a stick's way.
 const REST_MS = 1000;
 const SWEEP_MS = 5000;
 const AXES = { left_x: "left stick, left/right", left_y: "left stick, up/down", right_x: "right stick, left/right", right_y: "right stick, up/down" };
@@ -25,6 +26,7 @@ export class PadSetup {
     this.#load();
     this.#form();
     setInterval(() => this.#list(), LOOK_MS);
+    setInterval(() => this.#calibrate(), SAMPLE_MS);
   }
 
   #load() {
@@ -97,10 +99,7 @@ export class PadSetup {
   #loop() {
     if (!byId("pad-dialog").open) return;
     const raw = this.#raw();
-    if (raw) {
-      this.picture.draw(corrected(raw, this.draft));
-      this.#calibrate(raw);
-    }
+    if (raw) this.picture.draw(corrected(raw, this.draft));
     setText(byId("setup-state"), raw ? "" : "It is not connected.");
     const armed = this.on.state()?.phase !== "disarmed";
     byId("setup-apply").disabled = armed;
@@ -108,12 +107,13 @@ export class PadSetup {
     requestAnimationFrame(() => this.#loop());
   }
 
-  #calibrate(raw) {
+  #calibrate() {
     const c = this.calibrating;
-    if (!c) return;
+    const raw = c && this.#raw();
+    if (!raw) return;
     const values = [...raw.left, ...raw.right];
     const now = performance.now() - c.began;
-    if (now < REST_MS) {
+    if (now < REST_MS || !c.rest.length) {
       c.rest.push(values);
       this.#say("Let go of both sticks …");
     } else if (now < REST_MS + SWEEP_MS) {
@@ -126,7 +126,7 @@ export class PadSetup {
     } else {
       this.calibrating = null;
       const reach = c.low.map((low, i) => Math.min(1, -low, c.high[i]));
-      if (c.centre.some((value) => Math.abs(value) > 0.5) || reach.some((value) => value < 0.3)) {
+      if (!c.centre || c.centre.some((value) => Math.abs(value) > 0.5) || reach.some((value) => value < 0.3)) {
         this.#say("That did not work: every stick has to go from its centre to its edge on all sides. Try again.");
         return;
       }

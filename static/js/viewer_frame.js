@@ -51,8 +51,11 @@
   const view = location.pathname.split("/");
   if (view.includes("plain")) leaveRoom();
   // Beside the tip's view, and on a phone, viser's panel would lie over the robot; the page around it says the same.
-  const panel = ".mantine-Paper-root:not(.mantine-Modal-content) { display: none !important; }";
-  style.textContent += view.includes("tip") ? panel : `@media (max-width: ${PANEL_FROM_PX}px) { ${panel} }`;
+  const panel = ".mantine-Paper-root:not(.mantine-Modal-content, .mantine-Paper-root *)";
+  const hidden = (selector) => `${selector} { display: none !important; }`;
+  style.textContent += view.includes("tip") ? hidden(panel) : `@media (max-width: ${PANEL_FROM_PX}px) { ${hidden(panel)} }`;
+  // Until the robot's own tabs are there, viser shows its workings.
+  style.textContent += hidden(`${panel}:not(:has([role="tab"]))`);
   if (parent === window) return;
 
   const tell = (what) => parent.postMessage({ viewer: what }, "*");

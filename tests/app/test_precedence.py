@@ -1,6 +1,8 @@
 """Claims about who goes first on a busy machine: the robot, then the console with its driver, then everybody else."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -52,3 +54,30 @@ def test_no_thread_of_robot_or_console_waits_behind_other_programs_and_the_recor
         (recorder,) = (child.pid for child in psutil.Process(console).children() if "record" in child.cmdline())
         wait_for("the recorder's step back", lambda: min(map(niceness, threads(recorder))) > 0)
         assert not any(map(priority, threads(recorder)))
+
+
+PRECEDENCE = """
+import os
+import subprocess
+import sys
+from pathlib import Path
+from cobra.control.realtime import ahead_of_others
+grouped = Path("/proc/self/autogroup")
+def niceness():
+    return os.getpriority(os.PRIO_PROCESS, 0), grouped.read_text().split()[-1] if grouped.exists() else None
+before = niceness()
+with ahead_of_others():
+    during = niceness()
+print(before == niceness(), before != during)
+"""
+
+
+def test_whoever_uses_the_terminal_after_the_console_has_no_precedence():
+    told = subprocess.run(
+        [sys.executable, "-c", PRECEDENCE], start_new_session=True, capture_output=True, text=True, check=True
+    ).stdout
+    came_back, was_granted = told.split()
+    assert came_back == "True"
+    with realtime(1) as granted:
+        pass
+    assert was_granted == str(granted)
