@@ -11,15 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobra.description import RobotDescription
-from cobra.kinematics.configuration import Floats
+from cobra.kinematics.configuration import FEED, Floats
 from cobra.mechanics.losses import Identified
 from cobra.mechanics.rubbing import Rubbing
-from cobra.motors.transmission import without_gear_friction
+from cobra.motors.transmission import MOVING_M_S, without_gear_friction
 
 OUTSIDE_1_S = 1.0
 """At which moments from outside are found."""
 OUTSIDE_SHARE = 2.0
 """Of the moment that bends a section by a radian: no more is believed."""
+HIDDEN_FROM_M = 0.02
+"""Fed so far past a drive at rest, its gear's friction may hide all that walls have done to its tendon."""
+DEVIATION_TICKS = 10
+"""People read how sure the bends are; nothing is driven by it."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,13 @@ class Estimator:
         sections = self._losses.bending_stiffness_Nm2[model.column_section] / model.lengths_m[model.column_section]
         self._most_Nm = OUTSIDE_SHARE * sections
         self._squares = np.linalg.pinv(model.slopes) ** 2
+        self._start()
+
+    def _start(self) -> None:
+        self._feed_m = np.nan
+        self._fed_m = np.zeros(len(self._index))  # since the tendon's drive moved
+        self._deviation_of_bends = np.zeros(len(self._model.columns))
+        self._ticks = 0
 
     def refer(self, travel: Floats, load: Floats, measured: Floats) -> None:
         """This is the straight robot, homed: its bends are 0 from here."""
@@ -66,6 +77,7 @@ class Estimator:
         self.spool_m = travel[self._index] + self._losses.backlash_m / 2
         self.outside_Nm[:] = 0.0
         self._model.reset(self._motor)
+        self._start()
 
     def observe(
         self, travel: Floats, velocity: Floats, load: Floats, measured: Floats, q: Floats, dt_s: float
@@ -86,12 +98,18 @@ class Estimator:
         self.outside_Nm = np.clip(outside, -self._most_Nm, self._most_Nm)
         profile = model.profile_N
         profile[:, 0] = motor
+        fed = 0.0 if np.isnan(self._feed_m) else abs(q[FEED] - self._feed_m)
+        self._feed_m = q[FEED]
+        self._fed_m = np.where((np.abs(speed) > MOVING_M_S) | ~np.isnan(measured), 0.0, self._fed_m + fed)
+        if self._ticks % DEVIATION_TICKS == 0:
+            self._deviation_of_bends = self._uncertainty(beyond, profile)
+        self._ticks += 1
         return TendonEstimate(
             motor_N=motor,
             expected_N=model.motor_N,
             profile_N=profile,
             bends=model.bends.copy(),
-            deviation=self._uncertainty(beyond, profile),
+            deviation=self._deviation_of_bends,
             residual_m=beyond / model.stiffness_N_m,
         )
 
@@ -100,8 +118,10 @@ class Estimator:
         losses, deviation, model = self._losses, self._deviation, self._model
         scale = deviation.axial_stiffness_N / losses.axial_stiffness_N
         stretch = (profile[:, 0] - profile[:, 0].mean()) / model.stiffness_N_m
+        hidden = losses.drive_friction_N * np.minimum(self._fed_m / HIDDEN_FROM_M, 1.0)
         rubbing = np.hypot(deviation.drive_friction_N, profile[:, 1] * deviation.conduit_capstan)
-        lengths = np.stack([stretch * scale, np.hypot(rubbing, beyond) / model.stiffness_N_m, deviation.backlash_m / 2])
+        unknown = np.hypot(np.hypot(rubbing, beyond), hidden)
+        lengths = np.stack([stretch * scale, unknown / model.stiffness_N_m, deviation.backlash_m / 2])
         variance = self._squares @ (lengths**2).sum(axis=0)
         radius = deviation.radius_m / np.maximum(losses.radius_m, 1e-9)
         out: Floats = np.sqrt(variance + (model.bends * radius[model.column_section]) ** 2)
