@@ -1,5 +1,6 @@
 """Simulated drives as a process of their own: they outlive every controller, and anything that speaks SLCAN can talk to them."""
 
+import gc
 import select
 import signal
 import sys
@@ -62,6 +63,8 @@ def serve(
             print(desk.make(line), flush=True)
         for adapter in adapters:
             adapter.start(done)
+        gc.collect()
+        gc.freeze()  # going through all that stays would make drives answer late
         _introduce(robot, adapters, drive_with)
         _take_faults(desk, done)
     finally:

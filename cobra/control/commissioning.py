@@ -112,7 +112,7 @@ class Commissioning:
         drivetrain, procedure, guard = self._drivetrain, self._procedure, self._guard
         if procedure is None or guard is None or drivetrain.feedback is None:
             return setpoint
-        seen = seen_of(drivetrain.feedback, drivetrain.transmission, drivetrain.loads())
+        seen = seen_of(drivetrain.feedback, drivetrain.transmission)
         try:
             guard.check(setpoint, seen, dt_s)
             target = procedure.step(setpoint, seen, dt_s)

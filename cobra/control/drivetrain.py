@@ -47,18 +47,11 @@ class Drivetrain:
             q[FEED] = travel[self.description.feed_drive]
         return self.tendons.shape(travel[self.tendon_index], q).q
 
-    def loads(self) -> Floats:
-        """Load of each drive [N or N·m]: of a tendon what its load cell measures, else from motor current.
-
-        Zeros before the first feedback.
-        """
+    def loads(self, *, of_one_kind: bool = False) -> Floats:
+        """Load of each drive [N or N·m], as `Transmission.loads`; zeros before the first feedback."""
         if self.feedback is None:
             return np.zeros(len(self.description.drives))
-        loads = self.transmission.load(self.feedback.current)
-        measured = self.measured_tensions()
-        known = np.isfinite(measured)
-        loads[self.tendon_index[known]] = measured[known]
-        return loads
+        return self.transmission.loads(self.feedback.current, self.feedback.cells.tension, of_one_kind=of_one_kind)
 
     def speeds(self) -> Floats:
         """Speed of each drive's travel, a second; zeros before the first feedback."""

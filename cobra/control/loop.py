@@ -167,8 +167,7 @@ class RobotLoop:
     def run(self, until: threading.Event) -> None:
         """Tick at the fixed rate until told to stop. A tick that is half a period late is not made up for."""
         self._timing.realtime = ask_for_realtime(LOOP_PRIORITY)
-        gc.collect()
-        gc.freeze()
+        _settle_memory()
         deadline = self.clock.now()
         while not until.is_set() and not self.quit_requested:
             self.tick()
@@ -186,6 +185,7 @@ class RobotLoop:
             self.tendons.warm_up()
         finally:
             self.preparing = ""
+            _settle_memory()
             # What was late meanwhile says nothing of driving.
             self._timing.restart()
 
@@ -264,3 +264,9 @@ class RobotLoop:
             commissioning=self.commissioning.report(),
             motion=self.motion.report(now),
         )
+
+
+def _settle_memory() -> None:
+    """What is there stays: the interpreter need not go through all of it again and again, in the middle of a tick."""
+    gc.collect()
+    gc.freeze()

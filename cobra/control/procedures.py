@@ -90,7 +90,8 @@ class Procedures:
         if self._homing is None or drivetrain.feedback is None:
             return setpoint
         try:
-            target = self._homing.step(setpoint, drivetrain.loads(), drivetrain.speeds(), dt_s)
+            load = drivetrain.loads(of_one_kind=True)
+            target = self._homing.step(setpoint, load, drivetrain.speeds(), dt_s)
         except HomingError as error:
             self._supervisor.homing_failed(str(error))
             return setpoint

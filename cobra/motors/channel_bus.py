@@ -3,11 +3,24 @@
 from abc import ABC, abstractmethod
 from collections import Counter
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from cobra.motors.bus import ChannelHealth, Feedback, Floats
 from cobra.motors.cell_readings import LoadCells
 from cobra.motors.channel import Channel, Record
+
+REPLY_LATENCY_S: Final = 0.003
+"""A drive may take so long to answer; 1.1 to 2 ms are seen on real ones."""
+WAIT: Final = 0.7
+"""Part of a tick in which replies are waited for."""
+
+
+def reply_window_s(wire_time_s: float, most_s: float, period_s: float) -> float:
+    """How long replies are waited for, from when they were asked for.
+
+    Waiting costs only when a reply is missing; a serial adapter or a busy machine may need long.
+    """
+    return max(WAIT * period_s, min(wire_time_s + REPLY_LATENCY_S, most_s))
 
 
 class ChannelBus(ABC):

@@ -17,7 +17,7 @@ from cobra.description import Bus, RobotDescription
 from cobra.motors.bus import BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load, whole_milliseconds
 from cobra.motors.channel import Channel
-from cobra.motors.channel_bus import ChannelBus
+from cobra.motors.channel_bus import ChannelBus, reply_window_s
 from cobra.motors.cia402_frames import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -36,7 +36,6 @@ from cobra.motors.cia402_frames import (
 from cobra.motors.cia402_link import Cia402Link
 from cobra.motors.cia402_network import CanopenChannel
 
-REPLY_LATENCY_S: Final = 0.003
 HEARTBEAT_PERIOD_S: Final = 0.05
 STALL_S: Final = 0.15
 """Without a heartbeat for so long, which is under what the drives wait for."""
@@ -62,7 +61,8 @@ class Cia402Bus(ChannelBus):
         self._drives = [Cia402Link(drive, description.motor_of(drive), self._network) for drive in drives]
         self._period_ms = whole_milliseconds(description.teleop.loop_rate_Hz)
         load = channel_load(description, bus)
-        self.reply_timeout_s = min(load.wire_time_s + REPLY_LATENCY_S, 0.9 * self._period_ms / 1000.0)
+        period_s = self._period_ms / 1000.0
+        self.reply_timeout_s = reply_window_s(load.wire_time_s, 0.9 * period_s, period_s)
         n = len(drives)
         self._per_rad = np.array([link.scale.increments_per_rad for link in self._drives])
         self._amperes = np.array([link.scale.amperes_per_permille for link in self._drives])

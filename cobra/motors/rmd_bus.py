@@ -17,16 +17,12 @@ from cobra.clock import Clock
 from cobra.description import Bus, RobotDescription
 from cobra.motors.bus import HOME_AGAIN, BusError, Feedback, Floats
 from cobra.motors.bus_load import channel_load
-from cobra.motors.channel_bus import ChannelBus
+from cobra.motors.channel_bus import WAIT, ChannelBus, reply_window_s
 from cobra.motors.multi_turn import RESTART_S, MultiTurn
 from cobra.motors.rmd import RMD_V1, RMD_V3, Request, decode
 from cobra.motors.rmd_channel import Incoming, Outgoing, RmdChannel
 from cobra.motors.rmd_link import RmdLink
 
-REPLY_LATENCY_S = 0.003
-"""A drive may take so long to answer; 1.1 to 2 ms are seen on real ones."""
-WAIT = 0.7
-"""Part of a tick in which replies are waited for."""
 WATCHDOG_MS = 500
 """v3: without a request for so long the drive cuts its output. Well above a garbage collection, well below a person."""
 ATTEMPTS = 3
@@ -60,11 +56,9 @@ class RmdBus(ChannelBus):
         self._channel.welcome |= {link.alarm_key for link in self._drives}
         self._load = channel_load(description, bus)
         period_s = 1.0 / description.teleop.loop_rate_Hz
-        # Waiting costs only when a reply is missing; a serial adapter or a busy machine may need the longer one.
-        wanted_s = self._load.wire_time_s + REPLY_LATENCY_S
         # A bus that is busy for most of a tick may run into the next one now and then; the loop keeps the rate.
         most_s = (0.9 if self._load.wire_time_s < WAIT * period_s else 1.25) * period_s
-        self.reply_timeout_s = max(WAIT * period_s, min(wanted_s, most_s))
+        self.reply_timeout_s = reply_window_s(self._load.wire_time_s, most_s, period_s)
         self._enabled = False
         self._watched = False
         self._silent = False

@@ -22,6 +22,8 @@ class Transmission:
         # A motor that holds a tendon pulls it in: its force along the travel is minus the tension.
         sign = np.array([-1.0 if drive.moves == "tendon" else 1.0 for drive in drives])
         self.load_per_A: Floats = sign * torque_constant / self.travel_per_rad
+        # A bench drives single motors of a robot, without cells.
+        self._tendons = np.array(description.tendon_drives if description.load_cells else (), dtype=np.intp)
         self._offset = np.zeros(len(drives))
         self.references = 0
         """How often travel 0 was found anew."""
@@ -41,6 +43,21 @@ class Transmission:
     def load(self, current: Floats) -> Floats:
         """Tendon tension or feed force [N], twist torque [N·m], from motor current [A]; friction is not taken off."""
         return current * self.load_per_A
+
+    def loads(self, current: Floats, cells_N: Floats, *, of_one_kind: bool = False) -> Floats:
+        """Load of each drive: of a tendon what its load cell measures, else from motor current.
+
+        Args:
+            current: of all motors [A].
+            cells_N: (m,) what the tendons' cells measure, NaN where nothing that can be believed; or empty.
+            of_one_kind: for who compares tendons with each other: cells count where every tendon has one. A current has
+                its gear's friction in it.
+        """
+        loads = self.load(current)
+        known = np.isfinite(cells_N)
+        if np.all(known) if of_one_kind else np.any(known):
+            loads[self._tendons[known]] = cells_N[known]
+        return loads
 
 
 MOVING_M_S = 5e-5

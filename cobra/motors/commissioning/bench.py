@@ -78,8 +78,7 @@ class Bench:
                 if stop is not None and stop.is_set():
                     raise AbortError("it was stopped")
                 feedback = self._bus.exchange(self.transmission.angle(self.setpoint))
-                loads = self._loads(feedback.current, feedback.cells.tension)
-                seen = self.seen = seen_of(feedback, self.transmission, loads)
+                seen = self.seen = seen_of(feedback, self.transmission)
                 guard.check(self.setpoint, seen, self._period_s)
                 self.setpoint = procedure.step(self.setpoint, seen, self._period_s)
                 if procedure.progress != said:
@@ -89,12 +88,6 @@ class Bench:
         except AbortError:
             self._bus.hold()
             raise
-
-    def _loads(self, current: Floats, cells: Floats) -> Floats:
-        loads = self.transmission.load(current)
-        if np.any(known := np.isfinite(cells)):
-            loads[np.array(self.description.tendon_drives, dtype=np.intp)[known]] = cells[known]
-        return loads
 
 
 def only(description: RobotDescription, indices: tuple[int, ...]) -> RobotDescription:

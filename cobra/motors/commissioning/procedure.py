@@ -35,7 +35,7 @@ class Seen:
     speed: Floats
     """Of the travel, a second."""
     load: Floats
-    """[N] or [N·m], from motor current; of tendons with a load cell what that measures."""
+    """[N] or [N·m], from motor current; of tendons what their load cells measure, where all have one."""
     feedback: Feedback
 
 
@@ -126,11 +126,11 @@ class Guard:
             raise AbortError(f"drive {self._names[first]} {words(first)}")
 
 
-def seen_of(feedback: Feedback, transmission: Transmission, load: Floats) -> Seen:
+def seen_of(feedback: Feedback, transmission: Transmission) -> Seen:
     """What the drives said, as travel."""
     return Seen(
         travel=transmission.travel(feedback.angle),
         speed=feedback.velocity * transmission.travel_per_rad,
-        load=load,
+        load=transmission.loads(feedback.current, feedback.cells.tension, of_one_kind=True),
         feedback=feedback,
     )

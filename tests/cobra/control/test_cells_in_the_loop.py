@@ -69,3 +69,16 @@ def test_with_cells_the_tension_is_theirs_and_far_nearer_to_the_truth_than_from_
         assert truth.tensions.min() > tendon.min_tension_N
         assert truth.tensions.max() < tendon.max_tension_N
         assert state.tendons.warnings == ()
+
+
+def test_cells_on_some_tendons_leave_the_pretension_even():
+    """A cell tells a tendon's tension, a current the gear's friction too: homing must not compare the one with the other."""
+    with Bench(seed=4, losses="seeded", description=replace(COBRA, load_cells=CELLS[:2])) as bench:
+        for _ in range(5):
+            bench.tick()
+        bench.loop.commissioning._cells.calibrate({name: tared()[name] for name in ("S1", "E1")})
+        assert bench.home().phase == "ready"
+        assert not any(cell.trouble for cell in bench.tick().cells)
+        tensions = world_of(CHANNEL).truth().tensions
+        assert COBRA.tendon is not None
+        assert tensions == pytest.approx(np.full(len(tensions), COBRA.tendon.pretension_N), abs=0.5)
