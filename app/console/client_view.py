@@ -21,6 +21,10 @@ from cobra.description import RobotDescription
 STICKS, FREE, TIP = "as the sticks are seen", "free", "from the tip"
 BASE_STEP_RAD = 0.02
 """The view by the base turns with the twist in steps of this."""
+AHEAD_STEP_M = 0.005
+"""It goes along with the feed in steps of this,"""
+FILLED = 1.15
+"""from so many active lengths beyond the port on."""
 TIP_FOV_RAD = 1.3
 NARROW_PX = 1000
 """A 3D view narrower than this starts with its panel folded."""
@@ -51,6 +55,8 @@ class ClientView:
         self._sticks = sticks
         self._follows = not tip_only
         self._camera: tuple[str, float] = (FREE, 0.0)
+        self._ahead_m = 0.0
+        """How far the view stands along the port's axis."""
         self._tip_only = tip_only
         self._plain = plain
         self._looks_only = looks_only
@@ -109,6 +115,7 @@ class ClientView:
         with self._changing:
             if self._follows:
                 self._follow_sticks()
+                self._follow_feed()
             if self._tip_view:
                 rotation = self._scene.tip_rotation
                 ahead = 0.3 * self._description.active_length_m * rotation[:, 2]
@@ -123,6 +130,15 @@ class ClientView:
         wanted = (TIP if frame == "tip" else FREE, twist)
         if wanted != self._camera:
             self._set_camera(*wanted)
+
+    def _follow_feed(self) -> None:
+        """What is fed must not leave the picture: the view goes along, from wherever somebody has turned it to."""
+        ahead = max(self._scene.exposed_m - FILLED * self._description.active_length_m, 0.0)
+        step = ahead - self._ahead_m
+        if self._tip_view or abs(step) < AHEAD_STEP_M:
+            return
+        self._ahead_m, camera, way = ahead, self._client.camera, np.array([0.0, 0.0, step])
+        self._look(camera.position + way, camera.look_at + way, camera.up_direction)
 
     def _choose(self) -> None:
         with self._changing:
@@ -147,7 +163,8 @@ class ClientView:
         if not self._tip_view:
             c, s = math.cos(twist_rad), math.sin(twist_rad)
             turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-            position, look_at = first_camera(self._description)
+            along = np.array([0.0, 0.0, self._ahead_m])
+            position, look_at = (point + along for point in first_camera(self._description))
             self._look(turn @ position, turn @ look_at, turn @ up_direction(self._description))
 
     def _look(self, position: Floats, look_at: Floats, up: Floats) -> None:

@@ -17,7 +17,7 @@ from app.console.meshes import Floats, lathe, single
 from app.console.motion_view import PATH, TARGET, WORKSPACE
 from app.console.surroundings import add_surroundings, first_camera, introducer_length_m, up_direction
 from cobra.description import RobotDescription
-from cobra.kinematics.configuration import TWIST
+from cobra.kinematics.configuration import FEED, TWIST
 from cobra.messages import Drives, Rigidity, RobotState, tensions_of
 
 MESSAGES_PER_FRAME = 8
@@ -63,6 +63,8 @@ class Scene:
         """(3,) [m] and (3, 3): where the tip was drawn last."""
         self.twist_rad = 0.0
         """Of the base as it was drawn last."""
+        self.exposed_m = 0.0
+        """Drawn last: length beyond the port."""
         self._frame = 0
         self._commanded: tuple[float, ...] = ()
         self._trail: deque[tuple[float, Floats]] = deque(maxlen=detail.trail_points)
@@ -100,6 +102,7 @@ class Scene:
             if measured is not None:
                 self._draw(self.body.pose(measured), state.stamp)
                 self.twist_rad = float(measured[TWIST])
+                self.exposed_m = float(measured[FEED])
             self._ghost.visible = commanded is not None
             due = self._frame % self._detail.ghost_every == 0
             if commanded is not None and due and state.commanded != self._commanded:

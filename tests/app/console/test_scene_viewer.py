@@ -10,9 +10,11 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from app.console.client_view import FILLED
 from app.console.viewer import STALE_S, Viewer
 from app.console.viewer_proxy import SECRET_HEADER, VIEW_HEADER
 from cobra.clock import ManualClock
+from cobra.kinematics.configuration import FEED
 from tests.app.console.scene_fakes import COBRA, ViserClient, state_of, wait_until
 
 
@@ -238,6 +240,24 @@ def test_the_camera_rides_on_the_tip_for_the_viewer_who_asks_for_it(running, rob
         )
         other.drain()
         assert "SetCameraFovMessage" not in {message["type"] for message in other.messages}
+
+
+def test_the_view_goes_along_with_what_is_fed_from_where_its_viewer_has_turned_it(running, robot):
+    def fed(length_m):
+        straight = np.zeros(len(state_of().measured))
+        straight[FEED] = length_m
+        return state_of(measured=tuple(straight), commanded=tuple(straight))
+
+    def stands(message, place):
+        return message["type"] == "SetCameraPositionMessage" and np.allclose(message["position"], place, atol=0.006)
+
+    turned = np.ones(3)  # where the client says that it is
+    with ViserClient(running) as client:
+        wait_until(lambda: running.viewers == 1)
+        robot.state = fed(FILLED * COBRA.active_length_m + 0.5)
+        client.wait_for(lambda m: stands(m, turned + np.array([0.0, 0.0, 0.5])))
+        robot.state = fed(0.1)
+        client.wait_for(lambda m: stands(m, turned))
 
 
 def test_shadows_are_left_out_for_the_viewer_whose_computer_draws_in_software(running):
