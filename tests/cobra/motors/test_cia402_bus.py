@@ -324,3 +324,15 @@ def test_what_is_no_answer_is_counted(rig: Make) -> None:
     assert r.bus.counts == {
         "PDO of another length": 1, "short frame": 2, "unknown id": 1, "node never asked": 1,
     }  # fmt: skip
+
+
+def test_drives_may_take_most_of_a_tick_to_answer(rig: Make) -> None:
+    """A serial adapter or a busy machine needs it, and it costs only when an answer is missing."""
+    r = rig(described(latency_ms=6.0))
+    assert r.bus.enable() == ()
+    feedback = r.run(0.5, np.zeros(3))
+    assert feedback.valid.all()
+    assert not feedback.missed.any()
+    before = r.clock.now()
+    r.bus.exchange(np.zeros(3))
+    assert r.clock.now() - before < 0.01
