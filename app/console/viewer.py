@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("cobra.viewer")
 HOST = "127.0.0.1"
+PATIENCE_S = 10.0
+"""For the last frame at the end: viser complains on the terminal of one that comes after it was stopped."""
 WALLS_EVERY = 3
 """Contacts are drawn every so many frames."""
 SHEATH = 1.15
@@ -157,7 +159,7 @@ class Viewer:
         """End the thread and close viser."""
         self._quit.set()
         if self._thread is not None:
-            self._thread.join(timeout=1.0)
+            self._thread.join(timeout=PATIENCE_S)
             self._thread = None
         if self._server is not None:
             _hang_up(self._server)
