@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from cobra.description import RobotDescription
 
 Floats = NDArray[np.float64]
+LEAST = 1e-12
+"""Travel below this is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +48,22 @@ class DriveLimits:
 
     def allow(self, travel: Floats, step: Floats, load: Floats, dt_s: float) -> Allowed:
         """How much of `step` [travel units] may be made from `travel`, given the measured `load` of the drives."""
-        if not np.all(np.isfinite(step)):
+        far = np.abs(step)
+        if not np.all(np.isfinite(far)):
             return Allowed(0.0, "the motion is not finite; it was refused")
         overloaded = self._tendons[load[self._tendons] > self._max_tension]
         tightening = overloaded[step[overloaded] < -1e-9]
         if len(tightening):
             name = self._names[tightening[0]]
             return Allowed(0.0, f"tendon {name} is above {self._max_tension:.0f} N: drive the other way to relieve it")
+        moves = far > LEAST
+        if not moves.any():
+            return Allowed(1.0)
         scale, reason = 1.0, ""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            room = np.where(step > 0, self._high - travel, travel - self._low)
-            fraction = np.where(np.abs(step) > 1e-12, np.maximum(room, 0.0) / np.abs(step), np.inf)
-            pace = np.where(np.abs(step) > 1e-12, self._speed * dt_s / np.abs(step), np.inf)
+        far = np.maximum(far, LEAST)
+        room = np.where(step > 0, self._high - travel, travel - self._low)
+        fraction = np.where(moves, np.maximum(room, 0.0) / far, np.inf)
+        pace = np.where(moves, self._speed * dt_s / far, np.inf)
         i = int(np.argmin(fraction))
         if fraction[i] < 1.0:
             scale, reason = (

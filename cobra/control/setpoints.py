@@ -154,7 +154,7 @@ class Setpoints:
             self._bias = np.sign(self._bias) * np.maximum(np.abs(self._bias) - BIAS_RATE * dt_s, 0.0)
         step = self._drivetrain.travel_of(q) - self._drivetrain.travel_of(motion.q)
         allowed = self.limits.allow(setpoint, step, tendons.loads(), dt_s)
-        share, reason = tendons.allow(step, dt_s)
+        share, reason = tendons.allow(step)
         scale = min(allowed.scale, share)
         self.limited = allowed.reason or reason
         if scale < 1.0:

@@ -155,12 +155,12 @@ class TendonControl:
         if self.active and self._driven and self.estimate is not None:
             self._health.observe(self.estimate, setpoint[self._index], dt_s)
 
-    def allow(self, step: Floats, dt_s: float) -> tuple[float, str]:
+    def allow(self, step: Floats) -> tuple[float, str]:
         """Which share of a step of all drives (by the tendon map) their tensions allow, and why not all, in words."""
         if not self.active or self.estimate is None:
             return 1.0, ""
         feed = self.description.feed_drive
-        return self._keeper.allow(step[self._index], 0.0 if feed is None else float(step[feed]), dt_s)
+        return self._keeper.allow(step[self._index], 0.0 if feed is None else float(step[feed]))
 
     def give_way(self, q: Floats, driven: bool, dt_s: float) -> Floats:
         """q, or where its bends go because the tendons' tensions do not let them be held, or because it is pushed."""

@@ -59,6 +59,7 @@ class TensionKeeper:
         self._stiffness = model.stiffness_N_m
         self._margin = MARGIN_N + UNSURE * identified.deviation.drive_friction_N
         self._steps = TensionSteps(model.slopes, model.stiffness_N_m)
+        self._endless = (np.full(len(self._stiffness), -np.inf), np.full(len(self._stiffness), np.inf))
         self.reset()
 
     def reset(self) -> None:
@@ -68,6 +69,8 @@ class TensionKeeper:
         """(m,) what of the tendons' travel is other than wanted: trims, and bends held back."""
         self._most = np.full(m, np.inf)
         self._least = np.full(m, np.inf)
+        self._bounds = self._endless
+        """(m,) each: between what the tendons' travel may change in a tick."""
         self._slack_s = np.zeros(m)
         self.warnings: tuple[str, ...] = ()
 
@@ -86,6 +89,7 @@ class TensionKeeper:
         self.warnings = tuple(
             f"tendon {self._names[i]} is slack: it is being taken up, slow down" for i in np.flatnonzero(self._loose)
         )
+        self._bounds = self._bounded(dt_s)
 
     @property
     def _loose(self) -> NDArray[np.bool_]:
@@ -95,7 +99,7 @@ class TensionKeeper:
         """One tick: the travel is to change by `wanted_m` (m,); what it may not is in the offset then."""
         trims = self.trims_m
         back = RETURN_1_S * (self.offset_m - trims) + (LEAK_1_S * trims if moving else 0.0)
-        low, high = self._bounds(dt_s)
+        low, high = self._bounds
         # Only what is beyond its ceiling takes of the pretension, and what trims have added to it.
         slacken = np.full(len(low), np.inf) if np.any(low > 0.0) else np.maximum(-trims, 0.0)
         change = self._steps.nearest(wanted_m - back * dt_s, low, high, slacken) - wanted_m
@@ -109,7 +113,7 @@ class TensionKeeper:
         out: Floats = held * (min(1.0, GIVE_1_S * dt_s) * beyond / max(size, 1e-12))
         return out
 
-    def allow(self, change_m: Floats, fed_m: float, dt_s: float) -> tuple[float, str]:
+    def allow(self, change_m: Floats, fed_m: float) -> tuple[float, str]:
         """Which share of a motion's step the tensions allow, and why not all; what relieves them is always allowed.
 
         `change_m` (m,) is what the motion makes of the tendons' lengths, `fed_m` what it feeds.
@@ -121,7 +125,7 @@ class TensionKeeper:
         over = self._most[i] > self._high
         if over and np.isfinite(self._most[i]) and (fed_m > 0.0 or (np.any(moved) and change_m[i] < STILL_M)):
             return 0.0, f"tendon {self._names[i]} is above {self._high:.0f} N: drive the other way to relieve it"
-        share, reason = self._share(change_m, dt_s) if np.any(moved) else (1.0, "")
+        share, reason = self._share(change_m) if np.any(moved) else (1.0, "")
         ceiling = self._high - self._margin[i]
         if fed_m > 0.0 and np.isfinite(self._most[i]) and self._most[i] > ceiling - self._margin[i]:
             slow = float(np.clip((self._high - self._most[i]) / (2.0 * self._margin[i]), 0.0, 1.0))
@@ -129,8 +133,8 @@ class TensionKeeper:
                 share, reason = slow, self._near(i, self._high)
         return share, reason
 
-    def _share(self, change_m: Floats, dt_s: float) -> tuple[float, str]:
-        low, high = self._bounds(dt_s)
+    def _share(self, change_m: Floats) -> tuple[float, str]:
+        low, high = self._bounds
         given = self._steps.nearest(change_m, low, high, np.maximum(-self.trims_m, 0.0))
         wanted = self._steps.bends(change_m)
         size = float(wanted @ wanted)
@@ -152,11 +156,9 @@ class TensionKeeper:
     def _near(self, index: int, limit_N: float) -> str:
         return f"tendon {self._names[index]} is near {limit_N:g} N: slower"
 
-    def _bounds(self, dt_s: float) -> tuple[Floats, Floats]:
-        """(m,) each: between what the tendons' travel may change in a tick."""
+    def _bounded(self, dt_s: float) -> tuple[Floats, Floats]:
         if not np.all(np.isfinite(self._most)):
-            endless = np.full(len(self._stiffness), np.inf)
-            return -endless, endless
+            return self._endless
         spare = self._least - (self._low + self._margin)
         room = (self._high - self._margin) - self._most
         fastest = np.where(self._loose, CREEP_M_S, TRIM_M_S) * dt_s

@@ -72,6 +72,8 @@ class JointRates:
         as they move: it begins to straighten before they reach it.
         """
         now, limit = float(limits[0]), float(limits[1])
+        if not (speed.any() or wanted.any()) and math.hypot(*bend) <= limit:
+            return bend
         step = self.rate[index] * dt_s
         acceleration = self.configuration.acceleration[index]
         inside = shortened(bend, limit)

@@ -89,14 +89,14 @@ def test_where_the_highest_tension_binds_the_motion_slows_and_the_pretension_sta
     shares = []
     for _ in range(800):
         wanted = along(E1, -2e-5)
-        share, why = robot.keeper.allow(wanted, 0.0, DT)
+        share, why = robot.keeper.allow(wanted, 0.0)
         shares.append(share)
         robot.tick(share * wanted)
     assert shares[0] == 1.0
     assert shares[-1] < 0.05
     assert "E1 is near 40 N" in why
     assert robot.tension.mean() == pytest.approx(30.0, abs=0.1)
-    assert robot.keeper.allow(-wanted, 0.0, DT) == (1.0, ""), "what relieves it is free"
+    assert robot.keeper.allow(-wanted, 0.0) == (1.0, ""), "what relieves it is free"
 
 
 def test_overload_freezes_bend_and_feed_and_says_whose_it_is():
@@ -104,11 +104,11 @@ def test_overload_freezes_bend_and_feed_and_says_whose_it_is():
     robot.tension[E3] = HIGHEST + 0.5
     robot.look()
     for wanted, fed_m in ((along(E3, -TURN), 0.0), (along(W1), 0.0), (np.zeros(12), 1e-4)):
-        share, why = robot.keeper.allow(wanted, fed_m, DT)
+        share, why = robot.keeper.allow(wanted, fed_m)
         assert share == 0.0
         assert "E3 is above 40 N" in why
-    assert robot.keeper.allow(along(E3), 0.0, DT)[0] == 1.0, "what relieves it is free"
-    assert robot.keeper.allow(np.zeros(12), -1e-4, DT)[0] == 1.0, "and feeding out"
+    assert robot.keeper.allow(along(E3), 0.0)[0] == 1.0, "what relieves it is free"
+    assert robot.keeper.allow(np.zeros(12), -1e-4)[0] == 1.0, "and feeding out"
     for _ in range(20):
         robot.tick(np.zeros(12))
     assert robot.tension.max() < HIGHEST, "it is paid out"
@@ -119,7 +119,7 @@ def test_slack_is_taken_up_at_creep_speed_before_it_is_paid_out_and_bends_nothin
     robot.tension[E3] = -2.0
     for _ in range(round(SLACK_HOLD_S / DT) + 1):
         robot.look()
-    share, why = robot.keeper.allow(along(E3), 0.0, DT)
+    share, why = robot.keeper.allow(along(E3), 0.0)
     assert share == 0.0
     assert "E3 is slack: it is taken up first" in why
     assert any("E3" in warning for warning in robot.keeper.warnings)
