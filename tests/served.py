@@ -125,8 +125,9 @@ class Rig:
                 self.refused = reply.reasons
                 if not reply.ok:
                     return False
-            if self.state.phase == "holding" and not self.state.homed:
+            if (self.state.phase == "holding" and not self.state.homed) or self.state.tendons.warnings:
                 self.ask("home")
+                self.observer.wait("homing", lambda state: state.phase != "ready")
             with contextlib.suppress(AssertionError):
                 self.observer.wait("ready", lambda state: state.phase in ("ready", "fault"), 30.0)
             return self.state.phase == "ready"

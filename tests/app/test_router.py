@@ -48,6 +48,17 @@ class Net:
         self.own = f"tcp/127.0.0.1:{any_free_port()}"
         self.robot = RobotLink("arm", self.own, meta, router=endpoint, access=access["arm"])
         self.robot.start(lambda _: self._count("command"), lambda _: self._count("stop"), self._request)
+        self.wait_for_robots("arm")
+
+    def wait_for_robots(self, *names: str) -> None:
+        """Wait until the router knows of exactly these: it hears of them only after they have opened their sessions."""
+        with self.session("ann") as session:
+
+            def there() -> bool:
+                replies = session.liveliness().get("cobra/*/alive")
+                return {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok} == set(names)
+
+            wait_for(f"the router to know of {names}", there)
 
     def console(self, name: str, watches: bool) -> ConsoleLink:
         link = ConsoleLink("arm", self.endpoint, access=self.access[name], watches=watches)
@@ -293,10 +304,12 @@ def test_several_robots_or_none_are_told_apart(net: Net) -> None:
         "other", f"tcp/127.0.0.1:{any_free_port()}", meta, router=net.endpoint, access=net.access["other"]
     )
     other.start(lambda _: None, lambda _: None, lambda data, answer: None)
+    net.wait_for_robots("arm", "other")
     with pytest.raises(LinkError, match="choose one of arm, other with --robot"):
         RobotElsewhere(net.endpoint, net.access["ann"]).find()
     assert RobotElsewhere(net.endpoint, net.access["ann"], "other").find().name == "other"
     other.stop()
     net.robot.stop()
+    net.wait_for_robots()
     with pytest.raises(LinkError, match="no robot is heard"):
         RobotElsewhere(net.endpoint, net.access["ann"]).find()

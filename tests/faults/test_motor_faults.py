@@ -134,6 +134,10 @@ def test_a_tendon_near_its_highest_tension_slows_the_robot_and_is_named(on_pty: 
     assert re.search(r"tendon [SENW][123] is (near|above) 40 N", state.cause)
     assert max(on_pty.state.tendons.tension) < 44.0
     on_pty.let_go()
+    on_pty.observer.wait("rest", lambda state: state.phase == "ready")
+    # Where there is no room between pretension and limit, whatever happens next makes the robot give way.
+    assert on_pty.ask("pretension", 8.0).ok
+    on_pty.observer.wait("the tension", lambda state: max(state.tendons.tension) < 12.0)
 
 
 def test_a_tendon_that_goes_slack_stops_the_robot_is_named_and_is_well_once_it_is_homed(on_pty: Rig) -> None:
