@@ -23,12 +23,12 @@ from cobra.motors.settling import Settling
 Floats = NDArray[np.float64]
 
 SLACK_M = 0.002
-"""At least this much is paid out, and then more until the tension does not fall any more."""
+"""At least this much is paid out, and then more until no tension changes any more: a bent body is slow to straighten."""
 MAX_SLACK_M = 0.030
 SLACK_SPEED_M_S = 0.02
-LOOK_BACK_TICKS = 10
-STILL_FALLING = 0.05
-"""Of the pretension: a smaller fall over the look-back is none."""
+LOOK_BACK_S = 0.3
+STILL_CHANGING = 0.02
+"""Of the pretension: a smaller change over the look-back is none."""
 FREE_M = 0.0005
 """Wound in before the free reading is taken: by then the gear turns, and what it draws is friction alone."""
 WIND_SPEED_M_S = 0.012
@@ -41,7 +41,9 @@ AT_REST = 0.25
 TOUCH_FRACTION = 0.03
 """Of the pretension: less is none."""
 LOOSE_M = 0.002
-"""Paid out beyond the last tension."""
+"""Paid out beyond the last tension,"""
+MAX_LOOSE_M = 0.040
+"""but no further than this."""
 STRAIGHTEN_S = 0.5
 """In which the body straightens when nothing pulls."""
 DRAW_SPEED_M_S = 0.004
@@ -116,7 +118,7 @@ class Homing:
         self._wound_from = np.zeros(0)
         self._contact = np.zeros(n)
         self._turned = np.zeros(n)
-        self._loose_from = np.zeros(n)
+        self._loose_from = self._contact_at = np.zeros(n)
         self._free = np.zeros(n)
         """What each drive reads while it winds a slack tendon: friction, not tension."""
         self._readings: list[Floats] = []
@@ -179,10 +181,12 @@ class Homing:
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
-        self._readings = [*self._readings, tension][-LOOK_BACK_TICKS:]
+        self._readings = [*self._readings, tension][-max(2, round(LOOK_BACK_S / dt_s)) :]
         paid = (self._target - start)[self._index]
-        falling = self._readings[0] - tension > np.maximum(STILL_FALLING * pretension, self._count_N)
-        more = (paid < SLACK_M) | (falling & (paid < MAX_SLACK_M + self._stroke_m))
+        limit = np.maximum(STILL_CHANGING * pretension, CONTACT_COUNTS * self._count_N)
+        # All together: what stands while the body straightens is pulled taut, and its friction is read wrongly then.
+        changing = bool(np.any(np.abs(self._readings[0] - tension) > limit))
+        more = (paid < SLACK_M) | (changing & (paid < MAX_SLACK_M + self._stroke_m))
         self._target[self._index] += np.where(more, SLACK_SPEED_M_S * dt_s, 0.0)
         if not np.any(more):
             self._stage = _Stage.WIND
@@ -203,7 +207,7 @@ class Homing:
             self._complain_of_slack(wound)
         if np.all(self._contact >= CONTACT_HOLD_S):
             self._stage = _Stage.SEAT if self._seating else _Stage.LET_GO
-            self._loose_from = self._target[self._index].copy()
+            self._loose_from = self._contact_at = self._target[self._index].copy()
 
     def _complain_of_slack(self, wound: Floats) -> None:
         worst = int(np.argmax(wound))
@@ -230,6 +234,11 @@ class Homing:
         carries = tension > np.maximum(TOUCH_FRACTION * pretension, self._count_N)
         self._loose_from = np.where(carries, travel, self._loose_from)
         ahead = self._loose_from + LOOSE_M - travel
+        if np.any(far := carries & (travel - self._contact_at > MAX_LOOSE_M)):
+            raise HomingError(
+                f"tendon {self._names[int(np.argmax(far))]} was paid out by {MAX_LOOSE_M * 1e3:.0f} mm and still reads tension: "
+                "does its drive turn hard, or is it jammed?"
+            )
         self._target[self._index] += np.minimum(np.where(carries, np.inf, ahead), WIND_SPEED_M_S * dt_s)
         self._resting = 0.0 if np.any(carries) or np.any(ahead > 0.0) else self._resting + dt_s
         if self._resting >= STRAIGHTEN_S:

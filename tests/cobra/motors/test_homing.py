@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from cobra.messages import Intent, Request
+from cobra.motors.homing import Homing, HomingError
 from cobra.simulation.drives import world_of
 from tests.bench import CHANNEL, Bench
 
@@ -35,3 +37,40 @@ def test_a_tendon_off_its_spool_is_named():
         assert state.phase == "holding"
         assert "N2" in state.cause
         assert "broken or off its spool" in state.cause
+
+
+def test_it_ends_straight_from_a_strongly_bent_pose_too():
+    """A body bent by 90 degrees pulls its tendons taut again while they are paid out."""
+    with Bench(1, losses="seeded") as bench:
+        bench.home()
+        for _ in range(5):
+            bench.tick()
+        for section, (x, y) in ((1, (0.3, -0.95)), (2, (0.95, -0.3))):
+            for _ in range(300):
+                bench.tick(Intent(primary=(x, y), section=section))
+        assert np.degrees(np.linalg.norm(world_of(CHANNEL).truth().bends, axis=1))[1:].min() > 80.0
+        for _ in range(20):
+            bench.tick()
+        assert bench.ask(Request(what="home", lease=bench.lease)).ok
+        out_m = 0.0
+        while bench.tick().phase == "homing":
+            out_m = max(out_m, *bench.states[-1].drives.travel[:12])
+        assert bench.states[-1].phase == "ready", bench.states[-1].cause
+        assert out_m < 0.04, "no tendon comes off its spool"
+        assert np.degrees(np.linalg.norm(world_of(CHANNEL).truth().bends, axis=1)) == pytest.approx(0.0, abs=3.0)
+
+
+def test_a_drive_that_reads_tension_for_ever_pays_no_tendon_out_for_ever():
+    with Bench(0) as bench:
+        homing = Homing(bench.description, bench.loop.drivetrain.tendons.bending)
+    n = len(bench.description.drives)
+    travel, load, speed = np.zeros(n), np.zeros(n), np.zeros(n)
+    with pytest.raises(HomingError, match="tendon S1 was paid out by 40 mm and still reads tension"):
+        for _ in range(2500):
+            told = homing.step(travel, load, speed, 0.01)
+            speed = (told - travel) / 0.01
+            # Tension where they are wound in; S1 turns harder than it should.
+            load = np.where(told < 0.001, 4.0, 0.0) + np.where(
+                np.arange(n) == bench.description.tendon_drives[0], 1.0, 0.0
+            )
+            travel = told
