@@ -1,27 +1,30 @@
 """Claims about tendons with losses on the twin: what is known of them, what is taken out, and which fault is whose."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from msgspec.structs import replace as replace_part
 
 from cobra.control.tension import CREEP_M_S
-from cobra.description import Compensation
+from cobra.description import Compensation, RobotDescription
 from cobra.loading import load_description
-from cobra.mechanics.losses import Losses as LossNumbers
+from cobra.mechanics.losses import Identified
 from cobra.messages import Intent, Request
 from cobra.simulation.drives import world_of
-from cobra.simulation.losses import Losses
 from tests.bench import CHANNEL, Bench
+from tests.swept import swept
 
 
 @contextmanager
-def homed(seed: int, losses: Losses = "seeded", **options) -> Iterator[Bench]:
+def homed(
+    seed: int, knows: Callable[[int, Bench], Identified] | None = None, description: RobotDescription | None = None
+) -> Iterator[Bench]:
     """A robot whose losses are up to 30 % from what its description says, homed and ready to be driven."""
-    with Bench(seed=seed, losses=losses, **options) as bench:
+    with Bench(seed=seed, losses="seeded", description=description) as bench:
+        if knows:
+            bench.loop.tendons.use(knows(seed, bench))
         assert bench.home().phase == "ready"
         settle(bench)
         yield bench
@@ -105,20 +108,13 @@ def test_faulty_tendons_are_named_within_half_a_second_and_hold_the_robot(seed, 
 
 
 def test_a_jammed_tendon_is_named_once_the_others_bend_the_robot_without_it():
-    with Bench(seed=3, losses="nominal") as bench:
-        # As sure as a sweep is.
-        known = bench.loop.tendons.identified
-        shares = {field.name: 0.05 * getattr(known.deviation, field.name) for field in fields(LossNumbers)}
-        bench.loop.tendons.use(replace(known, deviation=LossNumbers(**shares), source="a sweep"))
-        assert bench.home().phase == "ready"
-        for _ in range(5):
-            bench.tick()
+    with homed(2, knows=swept) as bench:
         x, y = float(np.cos(np.pi / 6)), float(np.sin(np.pi / 6))
         drive(bench, 0.5, primary=(x, y), section=2)
         assert bench.loop.tendons.faults == (), "healthy tendons are not blamed"
         world_of(CHANNEL).plant.jam("E2")
         ticks = 0
-        while not bench.loop.tendons.faults and ticks < 150:
+        while not bench.loop.tendons.faults and ticks < 200:
             bench.tick(Intent(primary=(x, y), section=1))
             ticks += 1
         print(f"jam, driving: named after {ticks * bench.loop.period_s:.2f} s")

@@ -1,0 +1,79 @@
+"""Faults of tendons at random moments of random driving: which are named, whose they are said to be, and after how long.
+
+The twin's losses are drawn within ±30 % of the description; the controller sees frames only and knows the description, or
+what a guided sweep would have told it (the twin's numbers, about as wrong). Every fault is a drive of its own.
+`COBRA_FAULT_SEEDS` takes other seeds, as "1,2"; `COBRA_FAULT_DRIVES` another number of drives for each kind and seed.
+"""
+
+import os
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cobra.simulation.drives import world_of
+from tests.bench import CHANNEL, Bench
+from tests.benchmarks.test_tensions import random_sticks
+from tests.swept import swept
+
+SEEDS = [int(seed) for seed in os.environ.get("COBRA_FAULT_SEEDS", "1,2,3").split(",")]
+DRIVES = int(os.environ.get("COBRA_FAULT_DRIVES", "8"))
+HEALTHY_S = 4.0
+"""At least so long is driven before the fault."""
+WAIT_S = 20.0
+
+Fault = tuple[tuple[str, ...], Callable[[Any, str], None]]
+FAULTS: dict[str, Fault] = {
+    "broken": (("broken", "slack"), lambda world, name: world.plant.break_tendon(name)),
+    "slipped by 3 mm": (("slipped", "slack"), lambda world, name: world.plant.slip(name, 0.003)),
+    "loose by 12 mm": (("slack", "slipped", "off its spool"), lambda world, name: world.plant.slip(name, 0.012)),
+    "jammed": (("jammed",), lambda world, name: world.plant.jam(name)),
+}
+"""Words of which one must be said, and what is done to the twin."""
+
+
+def drive(seed: int, number: int, fault: Fault, knows: str) -> tuple[str, float]:
+    """What became of one fault, and the time until something was named [s]."""
+    words, make = fault
+    rng = np.random.default_rng([seed, number, 0xFA])
+    with Bench(seed=seed, losses="seeded") as bench:
+        if knows == "a sweep":
+            bench.loop.tendons.use(swept(seed, bench))
+        assert bench.home().phase == "ready"
+        for _ in range(5):
+            bench.tick()
+        name = bench.description.tendon_names[int(rng.integers(12))]
+        dt_s = bench.loop.period_s
+        begins, waits = round(rng.uniform(HEALTHY_S, HEALTHY_S + 3.0) / dt_s), round(WAIT_S / dt_s)
+        for k, intent in enumerate(random_sticks(1000 * seed + number, begins + waits, dt_s)):
+            if k == begins:
+                make(world_of(CHANNEL), name)
+            if bench.tick(intent).phase == "holding":
+                bench.tick()  # let go, press again
+            if faults := (*bench.loop.tendons.faults, *bench.states[-1].tendons.warnings):
+                right = f"tendon {name} " in faults[0] and any(word in faults[0] for word in words)
+                what = "blamed before there was any" if k < begins else "named" if right else "called something else"
+                return what, (k - begins + 1) * dt_s
+    return "not named", np.nan
+
+
+@pytest.mark.benchmark
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("knows", ["the description", "a sweep"])
+@pytest.mark.parametrize("kind", FAULTS)
+def test_faults_are_named(kind: str, knows: str) -> None:
+    outcomes = [drive(seed, number, FAULTS[kind], knows) for seed in SEEDS for number in range(DRIVES)]
+    count = Counter(outcome for outcome, _ in outcomes)
+    times = np.sort([s for outcome, s in outcomes if outcome == "named"])
+    print(
+        f"\n{kind}, knowing {knows}, {len(outcomes)} drives: " + ", ".join(f"{what} {n}" for what, n in count.items())
+    )
+    if len(times):
+        print(
+            f"  after {np.median(times):.2f} s (median), {times[-1]:.2f} s at most; within 0.5 s: {np.mean(times <= 0.5):.0%}"
+        )
+    assert count["blamed before there was any"] == 0
+    if kind != "jammed":  # which shows only where drives pull far enough against it
+        assert count["named"] >= 0.9 * len(outcomes)
