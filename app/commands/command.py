@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -11,6 +11,7 @@ from cobra.simulation.losses import Losses
 from cobra.simulation.options import ENVIRONMENTS, NOWHERE_ELSE, Simulation, TwinKind
 
 if TYPE_CHECKING:
+    from app.console.console import ConsoleOptions
     from app.link.access import LinkAccess
 
 RobotName = Annotated[str, tyro.conf.arg(help="Name of a robot that comes with the program, or path of a description.")]
@@ -72,10 +73,49 @@ class PageArguments:
 HERE_ONLY = PageArguments()
 Served = Annotated[PageArguments, tyro.conf.arg(name="")]
 PagePort = Annotated[int, tyro.conf.arg(help="Port of the page; when it is taken the next free one is used.")]
-OpenPage = Annotated[bool, tyro.conf.arg(name="open", help="Open the page in the browser, where there is a screen.")]
-PadHere = Annotated[bool, tyro.conf.arg(help="Read a gamepad plugged into this computer.")]
 FrameRate = Annotated[float, tyro.conf.arg(help="Frames per second of the 3D scene.")]
 NoRecord = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Record nothing.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsoleArguments:
+    """The operator's console: its page and 3D view, the pad, and what it records."""
+
+    port: PagePort = 8080
+    page: Served = HERE_ONLY
+    open_page: Annotated[
+        bool, tyro.conf.arg(name="open", help="Open the page in the browser, where there is a screen.")
+    ] = True
+    pad: Annotated[bool, tyro.conf.arg(help="Read a gamepad plugged into this computer.")] = True
+    frame_rate: FrameRate = 30.0
+    record: RecordFolder = None
+    no_record: NoRecord = False
+    record_budget: RecordBudget = 20.0
+
+    def options(self, robot: str, **where: Any) -> "ConsoleOptions":
+        """Of the console that drives `robot`; `where`: what else `ConsoleOptions` takes."""
+        from app.console.console import ConsoleOptions
+
+        return ConsoleOptions(
+            robot=robot,
+            host=self.page.host,
+            port=self.port,
+            tls_cert=self.page.tls_cert,
+            tls_key=self.page.tls_key,
+            names=self.page.name,
+            insecure=self.page.insecure,
+            open_page=self.open_page,
+            pad=self.pad,
+            frame_rate_Hz=self.frame_rate,
+            record=not self.no_record,
+            record_folder=self.record,
+            record_budget_GB=self.record_budget,
+            **where,
+        )
+
+
+AS_USUAL = ConsoleArguments()
+Operated = Annotated[ConsoleArguments, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,20 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from app.commands.command import (
-    DIRECTLY,
-    HERE_ONLY,
-    Command,
-    FrameRate,
-    Linked,
-    NoRecord,
-    OpenPage,
-    PadHere,
-    PagePort,
-    RecordBudget,
-    RecordFolder,
-    Served,
-)
+from app.commands.command import AS_USUAL, DIRECTLY, Command, Linked, Operated
 
 
 def drive_elsewhere(
@@ -30,36 +17,11 @@ def drive_elsewhere(
     *,
     robot: Annotated[str, tyro.conf.arg(metavar="NAME", help="Which, where several are heard there.")] = "",
     linked: Linked = DIRECTLY,
-    port: PagePort = 8080,
-    page: Served = HERE_ONLY,
-    open_page: OpenPage = True,
-    pad: PadHere = True,
-    frame_rate: FrameRate = 30.0,
-    record: RecordFolder = None,
-    no_record: NoRecord = False,
-    record_budget: RecordBudget = 20.0,
+    console: Operated = AS_USUAL,
 ) -> int:
-    from app.console.console import Console, ConsoleOptions
+    from app.console.console import Console
 
-    return Console(
-        ConsoleOptions(
-            robot=robot,
-            endpoint=endpoint,
-            access=linked.access(),
-            host=page.host,
-            port=port,
-            tls_cert=page.tls_cert,
-            tls_key=page.tls_key,
-            names=page.name,
-            insecure=page.insecure,
-            open_page=open_page,
-            pad=pad,
-            frame_rate_Hz=frame_rate,
-            record=not no_record,
-            record_folder=record,
-            record_budget_GB=record_budget,
-        )
-    ).run()
+    return Console(console.options(robot, endpoint=endpoint, access=linked.access())).run()
 
 
 COMMAND = Command(
