@@ -251,7 +251,9 @@ class Homing:
         self._light = min(self._light + (top * dt_s / RISE_S if np.all(tension >= touch) else 0.0), top)
         missing = np.maximum(self._light, 1.2 * touch) - tension
         tolerance = np.maximum(TOLERANCE * pretension, self._count_N / 2)
-        speed = np.clip(missing * self._compliance / APPROACH_S, 0.0, DRAW_SPEED_M_S)
+        # What is slack is drawn in at full speed.
+        speed = np.where(tension < touch, np.inf, missing * self._compliance / APPROACH_S)
+        speed = np.clip(speed, 0.0, DRAW_SPEED_M_S)
         self._target[self._index] -= np.where(missing > tolerance, speed, 0.0) * dt_s
         there = self._light >= top and np.all(missing <= tolerance)
         self._good = self._good + 1 if there else 0

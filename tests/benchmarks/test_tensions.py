@@ -1,6 +1,7 @@
 """Ten minutes of random driving: how long any tendon was slack or overloaded, by the twin's truth, and who was blamed.
 
-The twin's losses are drawn within ±30 % of the description; the controller sees frames only and knows the description.
+The twin's losses are drawn within ±30 % of the description; the controller sees frames only and knows the description, or
+what a guided sweep has told it.
 Tensions count where they are measured, at the motors; what they are at the tendons' ends is printed beside them.
 `COBRA_DRIVE_S` shortens the drive, `COBRA_DRIVE_SEEDS` takes other seeds, as "1,2".
 """
@@ -14,6 +15,7 @@ from cobra.control.tension import SLACK_SHARE
 from cobra.messages import Intent
 from cobra.simulation.drives import world_of
 from tests.bench import CHANNEL, Bench
+from tests.swept import swept
 
 SECONDS = float(os.environ.get("COBRA_DRIVE_S", "600"))
 SEEDS = [int(seed) for seed in os.environ.get("COBRA_DRIVE_SEEDS", "1").split(",")]
@@ -59,10 +61,12 @@ def longest_s(bad: np.ndarray, dt_s: float) -> np.ndarray:
     return longest
 
 
-def drive(seed: int, world: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def drive(seed: int, world: str, knows: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """True tensions (ticks, m) at the motors, least along each tendon, and the faults named."""
     motors, least, named = [], [], []
     with Bench(seed=seed, losses="seeded", world=world) as bench:
+        if knows == "a sweep":
+            bench.loop.tendons.use(swept(seed, bench))
         assert bench.home().phase == "ready"
         for _ in range(5):
             bench.tick()
@@ -83,14 +87,16 @@ def drive(seed: int, world: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
 @pytest.mark.benchmark
 @pytest.mark.timeout(14_400)
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("world", ["free", "bent-pipe"])
-def test_random_driving_keeps_every_tendon_in_its_limits_and_blames_none(world: str, seed: int) -> None:
-    motors, least, named = drive(seed, world)
+@pytest.mark.parametrize(
+    ("world", "knows"), [("free", "the description"), ("free", "a sweep"), ("bent-pipe", "the description")]
+)
+def test_random_driving_keeps_every_tendon_in_its_limits_and_blames_none(world: str, knows: str, seed: int) -> None:
+    motors, least, named = drive(seed, world, knows)
     with Bench(seed=seed) as bench:
         tendon, names, dt_s = bench.description.tendon, bench.description.tendon_names, bench.loop.period_s
     assert tendon is not None
     low, high = tendon.min_tension_N, tendon.max_tension_N
-    print(f"\n{world}, seed {seed}, {SECONDS:.0f} s; limits {low:g} to {high:g} N")
+    print(f"\n{world}, knowing {knows}, seed {seed}, {SECONDS:.0f} s; limits {low:g} to {high:g} N")
     for place, tension in (("at the motor", motors), ("least on the way", least)):
         slack, over = longest_s(tension < SLACK_SHARE * low, dt_s), longest_s(tension > high, dt_s)
         outside = ((tension < low) | (tension > high)).mean(axis=0)
