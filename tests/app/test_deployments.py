@@ -10,7 +10,7 @@ from cobra.kinematics.configuration import FEED, TWIST
 from tests.stack import Page, running, wait_for
 
 CALM = ("--twin", "ideal", "--frame-rate", "2")
-SIDE_MM = 30.0
+SIDE_MM = 20.0
 NEAR_MM = 1.0
 FAST = 2
 """Of the speed levels."""

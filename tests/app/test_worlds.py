@@ -42,7 +42,7 @@ def test_a_robot_in_a_pipe_tells_its_consoles_of_the_walls_and_of_what_touches(t
 def test_a_mesh_in_millimetres_is_named_and_the_robot_goes_on_without_it(tmp_path: Path) -> None:
     mesh = tmp_path / "engine.stl"
     trimesh.creation.box((400.0, 400.0, 40.0)).export(mesh)
-    with running(tmp_path, "--world", str(mesh)) as stack:
+    with running(tmp_path, "--world", str(mesh), "--losses", "off") as stack:
         meta = stack.observer.link.meta()
         assert meta.walls is None
         said = stack.output.read_text()
