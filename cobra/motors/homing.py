@@ -29,10 +29,13 @@ SLACK_SPEED_M_S = 0.02
 LOOK_BACK_S = 0.3
 STILL_CHANGING = 0.02
 """Of the pretension: a smaller change over the look-back is none."""
+SURELY = 1.5
+"""Times what a taut tendon must be paid out, by the body's stiffness, to show a change: the least that is looked back on."""
 FREE_M = 0.0005
 """Wound in before the free reading is taken: by then the gear turns, and what it draws is friction alone."""
 WIND_SPEED_M_S = 0.012
 MAX_WIND_M = 0.040
+"""Beyond where a tendon stood before it was paid out: a bent robot's outer tendons have become slack."""
 CONTACT_FRACTION = 0.25
 """Of the pretension: a tendon that carries this much is wound far enough."""
 CONTACT_HOLD_S = 0.03
@@ -106,6 +109,7 @@ class Homing:
         self._names = description.tendon_names
         self._index = np.array(description.tendon_drives, dtype=np.int64)
         self._compliance = _compliance(description)
+        self._body_m_N = _body_compliance(description)
         self._shares = pretension_shares(description)
         """(m,) All tensions below are divided by it: equal ones leave the robot straight."""
         self._stage = _Stage.SLACK
@@ -116,6 +120,7 @@ class Homing:
         self._start: Floats | None = None
         self._target = np.zeros(0)
         self._wound_from = np.zeros(0)
+        self._paid = np.zeros(n)
         self._contact = np.zeros(n)
         self._turned = np.zeros(n)
         self._loose_from = self._contact_at = np.zeros(n)
@@ -181,16 +186,18 @@ class Homing:
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
-        self._readings = [*self._readings, tension][-max(2, round(LOOK_BACK_S / dt_s)) :]
-        paid = (self._target - start)[self._index]
         limit = np.maximum(STILL_CHANGING * pretension, CONTACT_COUNTS * self._count_N)
+        look_back_s = max(LOOK_BACK_S, SURELY * float(limit.max()) * self._body_m_N / SLACK_SPEED_M_S)
+        past = max(2, round(look_back_s / dt_s))
+        self._readings = [*self._readings, tension][-past:]
+        paid = (self._target - start)[self._index]
         # All together: what stands while the body straightens is pulled taut, and its friction is read wrongly then.
-        changing = bool(np.any(np.abs(self._readings[0] - tension) > limit))
+        changing = len(self._readings) < past or bool(np.any(np.abs(self._readings[0] - tension) > limit))
         more = (paid < SLACK_M) | (changing & (paid < MAX_SLACK_M + self._stroke_m))
         self._target[self._index] += np.where(more, SLACK_SPEED_M_S * dt_s, 0.0)
         if not np.any(more):
             self._stage = _Stage.WIND
-            self._wound_from = self._target.copy()
+            self._wound_from, self._paid = self._target.copy(), paid
 
     def _wind(self, tension: Floats, speed: Floats, pretension: float, dt_s: float) -> None:
         wound = (self._wound_from - self._target)[self._index]
@@ -203,7 +210,7 @@ class Homing:
         resting = np.abs(speed) <= AT_REST * WIND_SPEED_M_S
         self._contact = np.where(touching, self._contact + np.where(resting, dt_s, 0.0), 0.0)
         self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
-        if np.any(wound > MAX_WIND_M + self._stroke_m):
+        if np.any(wound - self._paid > MAX_WIND_M + self._stroke_m):
             self._complain_of_slack(wound)
         if np.all(self._contact >= CONTACT_HOLD_S):
             self._stage = _Stage.SEAT if self._seating else _Stage.LET_GO
@@ -222,6 +229,12 @@ class Homing:
             if np.any(seating.overrun):
                 self._complain_of_slack(np.where(seating.overrun, (self._wound_from - self._target)[self._index], 0.0))
             if seating.seated:
+                if np.any(early := seating.early):
+                    i = int(np.argmax(early))
+                    raise HomingError(
+                        f"tendon {self._names[i]} met its stop after {seating.wound_m[i] * 1e3:.0f} mm, but the sections shorten "
+                        f"by {seating.stroke_m[i] * 1e3:.0f} mm: is the robot bent, or does something hold it?"
+                    )
                 self._stage = _Stage.FREE
         else:
             self._target[self._index] += seating.release(dt_s)
@@ -315,6 +328,20 @@ def _compliance(description: RobotDescription) -> float:
     """Stretch per tension of the longest tendon [m/N]."""
     tendon = description.tendon
     return (tendon.conduit_length_m + description.active_length_m) / tendon.axial_stiffness_N if tendon else 0.0
+
+
+def _body_compliance(description: RobotDescription) -> float:
+    """By how much the body gives way to the tendon that it gives way to most, bending and shortening [m/N]."""
+    most = 0.0
+    for end in description.tendon_section:
+        own = 0.0
+        for section in description.sections[: end + 1]:
+            if section.routing is not None:
+                own += section.length_m * section.routing.radius_m**2 / section.bending_stiffness_Nm2
+            if section.elongation is not None:
+                own += section.vertebrae / section.elongation.stiffness_N_m
+        most = max(most, own)
+    return most
 
 
 def _count_N(description: RobotDescription, drive: int) -> float:

@@ -1,11 +1,13 @@
 """Claims about SRC-Bot on its MuJoCo twin, through the whole control loop: homing, driving, and the guiders' contact."""
 
+import re
+
 import numpy as np
 import pytest
 
 from cobra.kinematics.backbone import Backbone
 from cobra.loading import load_description
-from cobra.messages import Intent
+from cobra.messages import Intent, Request, RobotState
 from cobra.simulation.drives import world_of
 from cobra.simulation.twin import build_twin
 from tests.bench import Bench
@@ -36,6 +38,26 @@ def test_homing_against_the_stop_finds_straight_and_length_in_spite_of_friction_
         assert np.degrees(np.linalg.norm(truth.bends)) < 0.5
         assert truth.tip_position[2] == pytest.approx(state.commanded[LENGTH], abs=0.0015)
         assert not any(truth.locked), "it has let go of the stop"
+
+
+def test_bent_it_is_homed_straight_again_or_it_says_that_it_met_its_stop_bent(monkeypatch):
+    def home_bent(bench: Bench) -> RobotState:
+        drive(bench, 3.0, primary=(0.3, -0.95))
+        assert np.degrees(np.linalg.norm(world_of(ROBOT).truth().bends)) > 45.0
+        settle(bench, 0.3)
+        assert bench.ask(Request(what="home", lease=bench.lease)).ok
+        while bench.tick().phase == "homing":
+            pass
+        return bench.states[-1]
+
+    with Bench(1, "default", ROBOT) as bench:
+        bench.home()
+        settle(bench, 0.1)
+        assert home_bent(bench).homed
+        assert np.degrees(np.linalg.norm(world_of(ROBOT).truth().bends)) < 2.0
+        settle(bench)
+        monkeypatch.setattr("cobra.motors.homing._body_compliance", lambda description: 0.0)
+        assert re.search("tendon .* met its stop after .* is the robot bent", home_bent(bench).cause)
 
 
 def test_the_twins_tip_follows_bend_direction_and_length():
