@@ -29,7 +29,7 @@ SLACK_SPEED_M_S = 0.02
 LOOK_BACK_S = 0.3
 STILL_CHANGING = 0.02
 """Of the pretension: a smaller change over the look-back is none."""
-SURELY = 1.5
+SURELY = 3.0
 """Times what a taut tendon must be paid out, by the body's stiffness, to show a change: the least that is looked back on."""
 FREE_M = 0.0005
 """Wound in before the free reading is taken: by then the gear turns, and what it draws is friction alone."""
@@ -73,6 +73,8 @@ STRETCHES = 0.25
 """Of the described stretch: tendons that stretch less than that are not pulled to and fro, it would be too hard."""
 PULL_MARGIN = 0.6
 """Of the pretension, beyond the amplitude: no tendon is pulled harder while they are pulled to and fro."""
+UNEVEN = 0.5
+"""Of the pretension: tensions differ by less after the stop."""
 TIMEOUT_S = 30.0
 CONTACT_COUNTS = 2.5
 """A rise of the current by fewer counts is no contact. Between counts, where rounding decides nothing."""
@@ -182,7 +184,8 @@ class Homing:
                 if self._settling.done:
                     self._stage = _Stage.DONE
             case _ if self._seating is not None:
-                self._seat(self._seating, self._shares * (reading - self._free), dt_s)
+                friction = self._free if self._stage is _Stage.SEAT else -self._free
+                self._seat(self._seating, self._shares * (reading - friction), pretension, dt_s)
         return self._target.copy()
 
     def _pay_out(self, start: Floats, tension: Floats, pretension: float, dt_s: float) -> None:
@@ -223,23 +226,28 @@ class Homing:
             "is it broken or off its spool?"
         )
 
-    def _seat(self, seating: Seating, tension: Floats, dt_s: float) -> None:
+    def _seat(self, seating: Seating, tension: Floats, pretension: float, dt_s: float) -> None:
         if self._stage is _Stage.SEAT:
             self._target[self._index] -= seating.pull(tension, dt_s)
             if np.any(seating.overrun):
                 self._complain_of_slack(np.where(seating.overrun, (self._wound_from - self._target)[self._index], 0.0))
             if seating.seated:
-                if np.any(early := seating.early):
-                    i = int(np.argmax(early))
-                    raise HomingError(
-                        f"tendon {self._names[i]} met its stop after {seating.wound_m[i] * 1e3:.0f} mm, but the sections shorten "
-                        f"by {seating.stroke_m[i] * 1e3:.0f} mm: is the robot bent, or does something hold it?"
-                    )
                 self._stage = _Stage.FREE
         else:
             self._target[self._index] += seating.release(dt_s)
             if seating.released:
+                self._check_evenness(tension, pretension)
                 self._stage = _Stage.DONE
+
+    def _check_evenness(self, tension: Floats, pretension: float) -> None:
+        """A bent robot's sections have met a stop, too, but one side pulls then."""
+        low, high = int(np.argmin(tension)), int(np.argmax(tension))
+        most = max(UNEVEN * pretension, CONTACT_COUNTS * float(self._count_N.max()))
+        if tension[high] - tension[low] > most:
+            raise HomingError(
+                f"let go of the stop, tendon {self._names[high]} carries {tension[high]:.0f} N and {self._names[low]} "
+                f"{max(tension[low], 0.0):.0f} N: is the robot bent, or does something hold it?"
+            )
 
     def _let_go(self, tension: Floats, pretension: float, dt_s: float) -> None:
         """All out until they carry nothing, each as far beyond as the others, and long enough for the body to straighten."""

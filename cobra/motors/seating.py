@@ -21,8 +21,6 @@ HOLD_S = 0.1
 RELEASE_M_S = 0.012
 LARGEST_PULL = 0.9
 """Of the maximum tension: what is pulled at most."""
-EARLY = 0.4
-"""Of the chambers' stroke. Winding to contact has taken some of it."""
 EXTRA_M = 0.010
 """Wound in beyond the chambers' stroke at most, for stretch and for what the chambers bend."""
 
@@ -58,8 +56,7 @@ class Seating:
         """(m,) from the natural length to the stop."""
         self._release = tendons.lengths(configuration.home()) + self.stroke_m
         self._held = np.zeros(len(ends))
-        self.wound_m: Floats = np.zeros(len(ends))
-        """(m,) so far."""
+        self._wound = np.zeros(len(ends))
         self._released = np.zeros(len(ends))
 
     @property
@@ -73,12 +70,7 @@ class Seating:
     @property
     def overrun(self) -> NDArray[np.bool_]:
         """(m,) tendons wound in further than the chambers can shorten."""
-        return np.asarray(self.wound_m > self.stroke_m + EXTRA_M)
-
-    @property
-    def early(self) -> NDArray[np.bool_]:
-        """(m,) tendons that met a stop where there should be none: a bent robot's guiders touch on one side."""
-        return np.asarray(self.wound_m < EARLY * self.stroke_m)
+        return np.asarray(self._wound > self.stroke_m + EXTRA_M)
 
     def pull(self, tension: Floats, dt_s: float) -> Floats:
         """How much to wind in now (m,) [m], from tensions with the friction taken off (m,)."""
@@ -87,7 +79,7 @@ class Seating:
         pace = np.where(tension >= CAREFUL_FROM * self.tension_N, CAREFUL_M_S, SPEED_M_S)
         # All wind at the pace of the tightest, so that the robot does not bend on the way.
         step = np.where(pressing, 0.0, float(pace.min()) * dt_s)
-        self.wound_m = self.wound_m + step
+        self._wound = self._wound + step
         return step
 
     def release(self, dt_s: float) -> Floats:

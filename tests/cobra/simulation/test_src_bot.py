@@ -40,7 +40,7 @@ def test_homing_against_the_stop_finds_straight_and_length_in_spite_of_friction_
         assert not any(truth.locked), "it has let go of the stop"
 
 
-def test_bent_it_is_homed_straight_again_or_it_says_that_it_met_its_stop_bent(monkeypatch):
+def test_bent_it_is_homed_straight_again_or_it_says_that_it_is_bent(monkeypatch):
     def home_bent(bench: Bench) -> RobotState:
         drive(bench, 3.0, primary=(0.3, -0.95))
         assert np.degrees(np.linalg.norm(world_of(ROBOT).truth().bends)) > 45.0
@@ -57,7 +57,7 @@ def test_bent_it_is_homed_straight_again_or_it_says_that_it_met_its_stop_bent(mo
         assert np.degrees(np.linalg.norm(world_of(ROBOT).truth().bends)) < 2.0
         settle(bench)
         monkeypatch.setattr("cobra.motors.homing._body_compliance", lambda description: 0.0)
-        assert re.search("tendon .* met its stop after .* is the robot bent", home_bent(bench).cause)
+        assert re.search("let go of the stop, tendon .* carries .* is the robot bent", home_bent(bench).cause)
 
 
 def test_the_twins_tip_follows_bend_direction_and_length():
