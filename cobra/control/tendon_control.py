@@ -1,6 +1,7 @@
 """Tendons between configuration and drives: estimation, compensation and tension together, one call each a tick.
 
-Robots without tendons, or whose sections change their length, are driven by the tendon map alone.
+Robots without tendons, or whose sections change their length, are driven by the tendon map alone; chambers take no shape
+in which a cable would have to push.
 """
 
 from pathlib import Path
@@ -18,6 +19,7 @@ from cobra.kinematics.configuration import Configuration, Floats
 from cobra.kinematics.ramps import shortened
 from cobra.mechanics.losses import Identified, described, load
 from cobra.mechanics.rubbing import Rubbing
+from cobra.mechanics.slack_shape import SlackShape
 from cobra.messages import CompensationState, Tendons
 
 MOVING_RAD_S = 1e-3
@@ -44,6 +46,8 @@ class TendonControl:
         self._wound_m = 0.0
         """All tendons wound in alike, beyond what homing found."""
         self._index = drivetrain.tendon_index
+        chambers = bool(self.description.tendon_names) and all(s.elongation for s in self.description.sections)
+        self._slack = SlackShape(self.description, drivetrain.tendons) if chambers else None
         self.available = fits(self.description)
         """Whether this robot's tendons can be compensated at all."""
         self.enabled = self.available and (
@@ -163,7 +167,9 @@ class TendonControl:
         return self._keeper.allow(step[self._index], 0.0 if feed is None else float(step[feed]))
 
     def give_way(self, q: Floats, driven: bool, dt_s: float) -> Floats:
-        """q, or where its bends go because the tendons' tensions do not let them be held, or because it is pushed."""
+        """q, or where it goes because its tendons would hang slack, or their tensions do not let it be held, or it is pushed."""
+        if self._slack is not None:
+            return self._slack.shape(self._drivetrain.tendons.lengths(q), q)
         if not self.active or self.estimate is None:
             return q
         ways = self._keeper.give_way(dt_s)
@@ -220,6 +226,8 @@ class TendonControl:
             return near
         travel = drivetrain.transmission.travel(drivetrain.feedback.angle)
         q = drivetrain.q_of(travel, near)
+        if self._slack is not None:
+            return self._slack.shape(travel[self._index], q)
         if self.estimate is not None and self._referred and self.enabled:
             q[self.model.tendons.columns] = self.estimate.bends
         return q
