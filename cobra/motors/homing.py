@@ -213,8 +213,8 @@ class Homing:
         resting = np.abs(speed) <= AT_REST * WIND_SPEED_M_S
         self._contact = np.where(touching, self._contact + np.where(resting, dt_s, 0.0), 0.0)
         self._target[self._index] -= np.where(touching, 0.0, WIND_SPEED_M_S * dt_s)
-        if np.any(wound - self._paid > MAX_WIND_M + self._stroke_m):
-            self._complain_of_slack(wound)
+        if np.any(far := wound - self._paid > MAX_WIND_M + self._stroke_m):
+            self._complain_of_slack(np.where(far, wound, 0.0))
         if np.all(self._contact >= CONTACT_HOLD_S):
             self._stage = _Stage.SEAT if self._seating else _Stage.LET_GO
             self._loose_from = self._contact_at = self._target[self._index].copy()
