@@ -36,9 +36,9 @@ CONFIRM_S = 0.05
 
 MEMORY_S = 4.0
 """In which what has happened is forgotten, where the slope of unforeseen tension over travel is looked at."""
-LASTING_SHARE, LASTING_UNSURE_SHARE = 0.15, 0.6
+LASTING_SHARE, LASTING_UNSURE_SHARE = 0.15, 1.2
 """Of its own stiffness, and times the share by which that is unsure: a healthy tendon's slope is below,"""
-LASTING_M, LASTING_UNSURE_M = 2e-4, 8.5e-4
+LASTING_M, LASTING_UNSURE_M = 2e-4, 1.55e-3
 """and by so much over how far its drive moves (standard deviation), because friction holds in small motions."""
 LASTING_LEAST_M = 8e-4
 
