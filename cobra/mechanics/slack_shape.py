@@ -39,7 +39,10 @@ class SlackShape:
         self._sense = np.zeros(len(self._allowed), dtype=np.intc)
 
     def shape(self, paid_out: Floats, q_known: Floats) -> Floats:
-        """(size,) q for cables paid out by `paid_out` (m,) [m]; what they do not decide is taken from `q_known`."""
+        """(size,) q for cables paid out by `paid_out` (m,) [m]; what they do not decide is taken from `q_known` (size,).
+
+        Cables pulled beyond the guiders' stop stretch, and no shape allows their lengths: then the nearest one by lengths.
+        """
         columns = self._tendons.columns
         most = np.concatenate([np.full(len(columns), np.inf), paid_out]) / UNIT_M
         least = np.concatenate([self._shortest, np.full(len(paid_out), -np.inf)]) / UNIT_M

@@ -342,11 +342,12 @@ def _body_compliance(description: RobotDescription) -> float:
     """By how much the body gives way to the tendon that it gives way to most, bending and shortening [m/N]."""
     most = 0.0
     for end in description.tendon_section:
-        own = 0.0
-        for section in description.sections[: end + 1]:
-            if section.routing is not None:
-                own += section.length_m * section.routing.radius_m**2 / section.bending_stiffness_Nm2
-            if section.elongation is not None:
+        routing, own = description.sections[end].routing, 0.0
+        for i in description.active_sections:
+            section = description.sections[i]
+            if i <= end and routing is not None:
+                own += section.length_m * routing.radius_m**2 / section.bending_stiffness_Nm2
+            if i <= end and section.elongation is not None:
                 own += section.vertebrae / section.elongation.stiffness_N_m
         most = max(most, own)
     return most
