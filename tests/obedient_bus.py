@@ -20,6 +20,7 @@ class ObedientBus:
     def __init__(self, drives: int) -> None:
         self.counts = {}
         self.angles = np.zeros(drives)
+        self.faults = ("",) * drives
         self.sent: list[np.ndarray] = []
 
     def open(self) -> None: ...
@@ -61,7 +62,7 @@ class ObedientBus:
             age=zeros,
             valid=np.ones(n, dtype=bool),
             missed=np.zeros(n, dtype=np.int64),
-            faults=("",) * n,
+            faults=self.faults,
         )
 
 
@@ -87,7 +88,7 @@ class ObedientRobot:
 
     def place(self, q: np.ndarray) -> None:
         """Let the robot stand at q, homed."""
-        self.loop.drivetrain.transmission.refer(self.bus.angles, self.loop.drivetrain.travel_of(q))
+        self.loop.drivetrain.refer(self.bus.angles, self.loop.drivetrain.travel_of(q))
         self.loop.motion.reset(q)
         self.loop.supervisor.homed = True
 

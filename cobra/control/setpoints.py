@@ -73,7 +73,7 @@ class Setpoints:
         self._watch.forget()
         self.watched = None
         if not self._supervisor.homed:
-            drivetrain.transmission.refer(feedback.angle, drivetrain.travel_of(self._motion.configuration.rest()))
+            self._take_tendons(feedback.angle, self._motion.configuration.rest())
         self.current = drivetrain.transmission.travel(feedback.angle)
         self._motion.reset(self.measured())
         self._tendons.resume(self._motion.q, self.current)
@@ -111,22 +111,27 @@ class Setpoints:
 
     def refer(self, angle: Floats, travel: Floats) -> None:
         """Take the shafts' angles (drives,) for this travel (drives,), homed, though nothing moved."""
-        self._drivetrain.transmission.refer(angle, travel)
+        self._drivetrain.refer(angle, travel)
         self._supervisor.homed = True
         self._motion.reset(self.measured())
         self._locking.reset(self._motion.q)
 
     def take_zero(self, target: Floats) -> Floats:
         """Homed: tendons carry their pretension at this travel (drives,). The same place, counted from the zero."""
-        # Twist and feed keep what they are taken for.
-        home = self._motion.configuration.home()
-        rest = self._drivetrain.travel_of(home)
-        self._drivetrain.transmission.refer(self._drivetrain.transmission.angle(target), rest)
+        home = self._take_tendons(self._drivetrain.transmission.angle(target), self._motion.configuration.home())
         self._motion.reset(home)
         self._locking.reset(home)
         self._bias = np.zeros_like(self._bias)
-        self._tendons.homed(rest)
-        return rest
+        travel = self._drivetrain.travel_of(home)
+        self._tendons.homed(home, travel)
+        return travel
+
+    def _take_tendons(self, angle: Floats, q: Floats) -> Floats:
+        """The tendons stand at q; returns it with twist and feed where they stand, which homing does not find anew."""
+        q, lost = self._drivetrain.refer_tendons(angle, q)
+        for words in lost:
+            self._warn(words)
+        return q
 
     # ------------------------------------------------------------------ motion
 

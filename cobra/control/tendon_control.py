@@ -90,8 +90,8 @@ class TendonControl:
         """Whether the drives are told a compensated travel now."""
         return self.enabled and self._referred
 
-    def homed(self, travel: Floats) -> None:
-        """The robot stands at home, straight and at pretension, at this travel of all drives."""
+    def homed(self, q: Floats, travel: Floats) -> None:
+        """The robot stands straight and at pretension, at this q and this travel of all drives."""
         if not self.available:
             return
         if self._next is not None:
@@ -99,7 +99,7 @@ class TendonControl:
             self._next = None
         self._estimator.refer(travel, self._drivetrain.loads(), self._drivetrain.measured_tensions())
         self._compensation.resume(travel[self._index], self._estimator.spool_m)
-        self._last_q = self.model.tendons.rest
+        self._last_q = q
         self._keeper.reset()
         self._target = None
         self._health.reset()

@@ -1,11 +1,12 @@
-"""Claims about the way from configuration to motors: what a lost bus said last is kept, and is no news."""
+"""Claims about the way from configuration to motors: what a lost bus said last is kept, and is no news; what homing finds anew."""
 
 import numpy as np
 import pytest
 
 from cobra.control.drivetrain import Drivetrain
+from cobra.kinematics.configuration import FEED, TWIST, Configuration
 from cobra.loading import load_description
-from cobra.motors.bus import BusError
+from cobra.motors.bus import HOME_AGAIN, BusError
 from tests.obedient_bus import ObedientBus
 
 COBRA = load_description("cobra")
@@ -55,3 +56,34 @@ def test_what_drives_said_before_their_bus_was_lost_is_kept_and_not_taken_for_ne
     assert drivetrain.gone == ""
     assert drivetrain.feedback.valid.all()
     assert np.isfinite(drivetrain.feedback.age).all()
+
+
+def test_twist_and_feed_stay_what_they_are_known_to_be_until_their_drive_loses_its_count():
+    bus = ObedientBus(len(COBRA.drives))
+    drivetrain = Drivetrain(COBRA, bus)
+    home = Configuration(COBRA).home()
+    drivetrain.exchange(None)
+    # The first time there is nothing to keep.
+    q, lost = drivetrain.refer_tendons(bus.angles, home)
+    np.testing.assert_array_equal(q, home)
+    assert lost == ()
+    moved = home.copy()
+    moved[[TWIST, FEED]] = 0.7, 0.12
+    drivetrain.exchange(drivetrain.travel_of(moved) + 0.003 * np.isin(np.arange(len(bus.angles)), COBRA.tendon_drives))
+    q, lost = drivetrain.refer_tendons(bus.angles, home)
+    assert q == pytest.approx(moved)
+    assert lost == ()
+    np.testing.assert_allclose(drivetrain.transmission.travel(bus.angles), drivetrain.travel_of(moved), atol=1e-12)
+    faults = [""] * len(COBRA.drives)
+    faults[COBRA.feed_drive] = f"its angle jumped by +90.0 degrees: {HOME_AGAIN}"
+    bus.faults = tuple(faults)
+    drivetrain.exchange(None)
+    bus.faults = ("",) * len(faults)
+    drivetrain.exchange(None)
+    q, (lost,) = drivetrain.refer_tendons(bus.angles, home)
+    assert q[TWIST] == pytest.approx(0.7)
+    assert q[FEED] == home[FEED]
+    assert "drive feed lost its count" in lost
+    assert "300 mm" in lost
+    # Said once: from here it is known again.
+    assert drivetrain.refer_tendons(bus.angles, home)[1] == ()
