@@ -42,6 +42,10 @@ class TendonEstimate:
     """(c,) their standard deviation."""
     residual_m: Floats
     """(m,) length that no shape explains: what is felt beyond what is expected, over the tendon's stiffness."""
+    spool_m: Floats
+    """(m,) where the spools stand, behind the play of their gears; paying out counts positive."""
+    pressed: float
+    """The largest moment from outside, as a share of what is believed at most: at 1 it may be larger."""
 
 
 class Estimator:
@@ -111,6 +115,8 @@ class Estimator:
             bends=model.bends.copy(),
             deviation=self._deviation_of_bends,
             residual_m=beyond / model.stiffness_N_m,
+            spool_m=spool,
+            pressed=float(np.max(np.abs(self.outside_Nm) / self._most_Nm, initial=0.0)),
         )
 
     def _uncertainty(self, beyond: Floats, profile: Floats) -> Floats:

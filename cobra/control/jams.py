@@ -1,69 +1,71 @@
 """Tells jammed tendons from healthy ones that rub, and from walls.
 
-A jammed tendon answers its drive with its own stiffness alone, as if the robot behind it stood still. So do all tendons
-of a robot that walls hold; but walls press with moments, which take from one tendon what they give to its antagonist.
-Only what no moment explains is held against a tendon: the part of the unforeseen tensions with Aᵀ T = 0. That takes as
-long as the antagonist alone needs to bend the robot, and where nothing moves a jam does not show.
-
-It is looked for twice: in what has happened within a moment, and in what a tendon's unforeseen tension has had to do
-with its drive's travel for seconds (the slope of one over the other), which sees jams in slow driving, to and fro.
+A jammed tendon answers its drive with its conduit alone (`cobra.mechanics.stuck`); so does a healthy one until its
+friction is overcome, and a jam shows only where the two would differ. So what a tendon carries beyond what a healthy one
+would is compared with what one stuck for some time would: a jammed tendon's goes along with that, a healthy one's does not.
+Walls press with moments, which take from one tendon what they give to its antagonist. Only what no moment explains, the
+part of the tensions with Aᵀ T = 0, is held against a tendon.
 """
-
-from collections import deque
 
 import numpy as np
 
+from cobra.control.estimation import TendonEstimate
 from cobra.kinematics.configuration import Floats
 from cobra.mechanics.losses import Identified
 from cobra.mechanics.rubbing import Rubbing
+from cobra.mechanics.stuck import StuckTendons
 
-WINDOW_TICKS = 80
-SHARE = 0.2
-"""Of its own stiffness: a tendon that answers its drive by so much more stiffly than an exact model foretells moves nothing,"""
-UNSURE_SHARE = 2.3
-"""and by so much more, times the share by which the stiffness is unsure."""
-LEAST_M = 4e-4
-BEYOND_N = 0.6
-"""Unexplained by any moment, and besides"""
-BENT_SHARE = 0.25
-"""of the section's highest tension beyond its pretension, because what bends a section rubs; and, times the share by which
-stiffness is unsure,"""
-UNSURE_TAUT = 0.4
-"""of that highest tension, and"""
-UNSURE_TRIMS = 3.5
-"""of the tension that trims have changed."""
+WINDOWS_S = (0.4, 2.0)
+"""In which it is looked for. Of each there are two that begin by turns; one is so old when the other begins."""
+LEAST_S = 0.2
+LEAST_N = 0.45
+"""What a stuck tendon would carry more than a healthy one (root mean square): with less nothing can be told."""
+LEAST_SHARE, MOST_SHARE = 0.3, 1.6
+"""Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
+DOUBT_N = 0.4
+"""That may be by chance, and"""
+UNSURE_SHARE = 0.5
+"""times the share by which the stiffness is unsure: of the change of tension, and of what a stuck tendon would carry more."""
+UNSETTLED_N, SETTLED_M = 5.0, 0.006
+"""Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
+that is known as badly."""
+PRESSED, PRESSED_N = 0.85, 6.0
+"""From this share on of the moments that are believed to come from outside at most, so much of a tension may be pretended where
+all are reached: hard against walls the robot is elsewhere than the model of its tendons says."""
 CONFIRM_S = 0.05
-
-MEMORY_S = 4.0
-"""In which what has happened is forgotten, where the slope of unforeseen tension over travel is looked at."""
-LASTING_SHARE, LASTING_UNSURE_SHARE = 0.15, 1.2
-"""Of its own stiffness, and times the share by which that is unsure: a healthy tendon's slope is below,"""
-LASTING_M, LASTING_UNSURE_M = 2e-4, 1.55e-3
-"""and by so much over how far its drive moves (standard deviation), because friction holds in small motions."""
-LASTING_LEAST_M = 8e-4
+SMOOTH_S = 0.1
+"""Over which the tension is taken that a window begins with: where a drive turns back, its friction is read wrongly for a moment."""
 
 
 class Jams:
     """Watches the m tendons of one robot."""
 
-    def __init__(self, model: Rubbing, identified: Identified, pretension_N: float) -> None:
-        self._pretension_N = pretension_N
-        self._stiffness, self._sections = model.stiffness_N_m, model.section_of
+    def __init__(self, model: Rubbing, identified: Identified) -> None:
         self._unsure = identified.deviation.axial_stiffness_N / identified.losses.axial_stiffness_N
         # What is left of tensions once the bends that cause them are taken out, and how much of it each tendon alone makes.
-        K, A = self._stiffness, model.slopes
+        K, A = model.stiffness_N_m, model.slopes
         bending = K[:, None] * A
+        self._stiffness = K
         self._unbent = np.eye(len(K)) - bending @ np.linalg.solve(A.T @ bending, A.T) if A.size else np.eye(len(K))
         self._own = np.einsum("ji,j,ji->i", self._unbent, 1.0 / K, self._unbent)
+        alike = (model.section_of[:, None] == model.section_of).astype(np.float64)
+        self._mean = alike / alike.sum(axis=1, keepdims=True)
+        """(m, m) of the tendons of each one's section."""
+        self._length_s = 2.0 * np.repeat(WINDOWS_S, 2)
+        self._stuck = StuckTendons(model, len(self._length_s))
         self.reset()
 
     def reset(self) -> None:
         """Forget what has happened."""
-        m = len(self._stiffness)
-        self._past: deque[tuple[Floats, Floats]] = deque(maxlen=WINDOW_TICKS)
+        m, n = len(self._stiffness), len(self._length_s)
         self._for_s = np.zeros(m)
-        self._mean: tuple[Floats, Floats] | None = None
-        self._variance, self._covariance = np.zeros(m), np.zeros(m)
+        self._spool_m: Floats | None = None
+        self._smooth = np.zeros(m)
+        self._left_s, self._age_s = np.zeros(n), np.zeros(n)
+        self._alone_before, self._expected_before = np.zeros((n, m)), np.zeros((n, m))
+        self._path_m, self._unsettled, self._pressed = np.zeros(m), np.ones((n, m)), np.zeros(n)
+        # Integrals over each window: of what is beyond a healthy tendon times what would be if it were stuck, and of squares.
+        self._product, self._stuck_square, self._change_square = np.zeros((n, m)), np.zeros((n, m)), np.zeros((n, m))
 
     def alone(self, tension: Floats) -> Floats:
         """(m,) [N] by how much each tendon alone would have to be pulled for what of the tensions no bends explain."""
@@ -71,57 +73,52 @@ class Jams:
         out: Floats = self._unbent.T @ (left / self._stiffness) / np.maximum(self._own, 1e-12)
         return out
 
-    def observe(self, beyond: Floats, taut: Floats, travel_m: Floats, dt_s: float, well: bool) -> int | None:
-        """One tick: which tendon is jammed, or None.
+    def observe(self, estimate: TendonEstimate, dt_s: float, well: bool) -> int | None:
+        """One tick: which tendon is jammed, or None. The model of healthy tendons must be in the state of the estimate.
 
-        `beyond` (m,) is what of the tension `taut` is not foretold: it grows as the drive, which stands at `travel_m`, winds
-        in against what is stuck. `well`: no other fault is known or suspected; what that does to a tendon looks like a jam.
+        `well`: no other fault is known or suspected; what that does looks like a jam.
         """
-        strength = np.maximum(self._lasting(beyond, travel_m, dt_s), self._sudden(beyond, taut, travel_m))
-        jammed = (strength > 0.0) & well
-        self._for_s = np.where(jammed, self._for_s + dt_s, 0.0)
-        if not np.any(self._for_s > CONFIRM_S):
-            return None
+        expected, spool_m = estimate.expected_N, estimate.spool_m
+        alone = self.alone(estimate.motor_N - expected)
+        if self._spool_m is None:
+            self._smooth = alone
+            for window in range(len(self._length_s)):
+                self._begin(window, estimate)
+            self._left_s[1::2] /= 2.0
+            self._spool_m = spool_m
+        paid_out = spool_m - self._spool_m
+        self._spool_m, self._path_m = spool_m, self._path_m + np.abs(paid_out)
+        stuck = self._stuck.advance(paid_out) - expected
+        self._smooth = self._smooth + min(1.0, dt_s / SMOOTH_S) * (alone - self._smooth)
+        self._age_s += dt_s
+        self._left_s -= dt_s
+        self._product += dt_s * stuck * (alone - self._alone_before)
+        self._stuck_square += dt_s * stuck**2
+        self._change_square += dt_s * (expected - self._expected_before) ** 2
+        self._pressed = np.maximum(self._pressed, estimate.pressed)
+        jammed = self._strength() if well else np.zeros_like(alone)
+        self._for_s = np.where(jammed > 0.0, self._for_s + dt_s, 0.0)
+        for over in np.flatnonzero(self._left_s < dt_s / 2).tolist():
+            self._begin(over, estimate)
         # Its neighbours feel it too, but less.
-        return int(np.argmax(np.where(jammed, strength, 0.0)))
+        return int(np.argmax(jammed)) if np.any(self._for_s > CONFIRM_S) else None
 
-    def _sudden(self, beyond: Floats, taut: Floats, travel_m: Floats) -> Floats:
-        """(m,) [N] by how much each has answered its drive, where that was too stiffly to be healthy; else 0."""
-        self._past.append((beyond, travel_m))
-        before, travel_before = self._past[0]
-        moved, change = travel_m - travel_before, beyond - before
-        answer = -change / np.where(moved == 0.0, 1.0, moved)
-        share = SHARE + UNSURE_SHARE * self._unsure
-        stiff = (np.abs(moved) > LEAST_M) & (answer > share * self._stiffness)
-        if not np.any(stiff):
-            return np.zeros_like(moved)
-        trimmed = np.abs(self.alone(self._stiffness * moved))
-        tautest = self._tautest(taut)
-        doubt = BEYOND_N + BENT_SHARE * np.maximum(tautest - self._pretension_N, 0.0)
-        doubt += self._unsure * (UNSURE_TAUT * tautest + UNSURE_TRIMS * trimmed)
-        return np.where(stiff & (np.sign(change) * self.alone(change) > doubt), np.abs(change), 0.0)
+    def _begin(self, window: int, estimate: TendonEstimate) -> None:
+        self._stuck.begin(window)
+        self._left_s[window], self._age_s[window] = self._length_s[window], 0.0
+        self._alone_before[window], self._expected_before[window] = self._smooth, estimate.expected_N
+        self._unsettled[window] = np.clip(1.0 - self._mean @ self._path_m / SETTLED_M, 0.0, 1.0)
+        self._pressed[window] = estimate.pressed
+        self._product[window] = self._stuck_square[window] = self._change_square[window] = 0.0
 
-    def _lasting(self, beyond: Floats, travel_m: Floats, dt_s: float) -> Floats:
-        """(m,) [N] the same, for what has happened in the last seconds."""
-        alone, share = self.alone(beyond), min(1.0, dt_s / MEMORY_S)
-        if self._mean is None:
-            self._mean = alone, travel_m
-        off, moved = alone - self._mean[0], travel_m - self._mean[1]
-        self._mean = self._mean[0] + share * off, self._mean[1] + share * moved
-        self._variance = (1.0 - share) * (self._variance + share * moved**2)
-        self._covariance = (1.0 - share) * (self._covariance + share * moved * off)
-        far = np.sqrt(self._variance)
-        if not np.any(far > LASTING_LEAST_M):
-            return np.zeros_like(far)
-        slope = -self._covariance / np.maximum(self._variance, 1e-12) / self._stiffness
-        doubt_m = LASTING_M + LASTING_UNSURE_M * self._unsure
-        doubt = LASTING_SHARE + LASTING_UNSURE_SHARE * self._unsure + doubt_m / np.maximum(far, 1e-9)
-        out: Floats = np.where((far > LASTING_LEAST_M) & (slope > doubt), slope * far * self._stiffness, 0.0)
-        return out
-
-    def _tautest(self, taut: Floats) -> Floats:
-        """(m,) of each tendon's section."""
-        sections = np.full(int(self._sections.max()) + 1, 0.0)
-        np.maximum.at(sections, self._sections, taut)
-        out: Floats = sections[self._sections]
+    def _strength(self) -> Floats:
+        """(m,) [N] of what each carries beyond a healthy tendon, as one would that is stuck; 0 where it may be healthy."""
+        age_s = np.maximum(self._age_s, LEAST_S)[:, None]
+        would, changed = np.sqrt(self._stuck_square / age_s), np.sqrt(self._change_square / age_s)
+        does = self._product / age_s / np.maximum(would, 1e-9)
+        doubt = DOUBT_N + self._unsure * (UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
+        doubt += PRESSED_N * np.clip((self._pressed - PRESSED) / (1.0 - PRESSED), 0.0, 1.0)[:, None]
+        judged = (would > LEAST_N) & (does > LEAST_SHARE * would) & (does < MOST_SHARE * would)
+        judged &= self._age_s[:, None] > LEAST_S - 1e-9
+        out: Floats = np.where(judged & (does > doubt), does, 0.0).max(axis=0)
         return out

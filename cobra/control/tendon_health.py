@@ -41,7 +41,7 @@ class TendonHealth:
         self._stiffness = model.stiffness_N_m
         tendon = description.tendon
         self._low = tendon.min_tension_N if tendon else 0.0
-        self._jams = Jams(model, identified, tendon.pretension_N if tendon else 0.0)
+        self._jams = Jams(model, identified)
         self.reset()
 
     def reset(self) -> None:
@@ -79,7 +79,7 @@ class TendonHealth:
         for i in np.flatnonzero(self._slack_s > SLACK_S):
             self._name(int(i), "stays slack though it is wound in: is it broken or off its spool?")
         well = not self.faults and not np.any(self._lost_s)
-        jammed = self._jams.observe(tension - expected_N, np.maximum(tension, expected_N), travel_m, dt_s, well)
+        jammed = self._jams.observe(estimate, dt_s, well)
         if jammed is not None:
             self._name(jammed, "is jammed: it does not follow its drive")
 

@@ -97,6 +97,13 @@ class Rubbing:
         return self._tension[:, 0].copy()
 
     @property
+    def conduits(self) -> tuple[Floats, Floats, Floats]:
+        """Of the elements between motor and port: extension (m, P) [m], stiffness (m, P) [N/m], and the ratio of tensions
+        at which they slide (m, P − 1)."""
+        parts = self._parts
+        return self._state[:, :parts], self._element[:, :parts], self._capstan[:, : parts - 1]
+
+    @property
     def profile_N(self) -> Floats:
         """(m, n + 2) tension at motor, port and the end of each section; NaN beyond the tendon's end."""
         parts = self._parts

@@ -32,7 +32,9 @@ class Blocked:
 
     def look(self) -> None:
         profile = np.tile(np.maximum(self.tension, 0.0)[:, None], (1, 5))
-        seen = TendonEstimate(profile[:, 0], profile[:, 0], profile, np.zeros(6), np.zeros(6), np.zeros(12))
+        seen = TendonEstimate(
+            profile[:, 0], profile[:, 0], profile, np.zeros(6), np.zeros(6), np.zeros(12), np.zeros(12), 0.0
+        )
         self.keeper.observe(seen, np.zeros(12), DT)
 
     def tick(self, wanted: np.ndarray) -> np.ndarray:
