@@ -294,6 +294,19 @@ class Page:
 
         wait_for("the drive", pressed, timeout_s)
 
+    def drive_until(self, reached: Callable[[], bool], **controls: Any) -> None:
+        """Drive with these controls until `reached`, and let go; a drive that a stall of the machine ended is begun again."""
+
+        def there() -> bool:
+            if self.snapshot["phase"] != "driving":
+                self.press()
+            self.hold(**controls)
+            return reached()
+
+        wait_for("the way", there, 40.0)
+        self.release()
+        self.until_phase("ready")
+
     def close(self) -> None:
         self._quit.set()
         self._socket.close()

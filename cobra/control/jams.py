@@ -24,8 +24,10 @@ LEAST_SHARE, MOST_SHARE = 0.3, 1.6
 """Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
 DOUBT_N = 0.4
 """That may be by chance, and"""
+DRIFT_1_S = 0.025
+"""a second of the change of tension, and"""
 UNSURE_SHARE = 0.5
-"""times the share by which the stiffness is unsure: of the change of tension, and of what a stuck tendon would carry more."""
+"""times the share by which the stiffness is unsure: of that change, and of what a stuck tendon would carry more."""
 UNSETTLED_N, SETTLED_M = 5.0, 0.006
 """Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
 that is known as badly."""
@@ -116,7 +118,11 @@ class Jams:
         age_s = np.maximum(self._age_s, LEAST_S)[:, None]
         would, changed = np.sqrt(self._stuck_square / age_s), np.sqrt(self._change_square / age_s)
         does = self._product / age_s / np.maximum(would, 1e-9)
-        doubt = DOUBT_N + self._unsure * (UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
+        doubt = (
+            DOUBT_N
+            + DRIFT_1_S * age_s * changed
+            + self._unsure * (UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
+        )
         doubt += PRESSED_N * np.clip((self._pressed - PRESSED) / (1.0 - PRESSED), 0.0, 1.0)[:, None]
         judged = (would > LEAST_N) & (does > LEAST_SHARE * would) & (does < MOST_SHARE * would)
         judged &= self._age_s[:, None] > LEAST_S - 1e-9

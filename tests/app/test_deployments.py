@@ -11,6 +11,7 @@ from tests.stack import Page, running, wait_for
 
 CALM = ("--twin", "ideal", "--frame-rate", "2")
 SIDE_MM = 20.0
+CORNERS = ((-1, 0, 0), (0, 1, 0))
 NEAR_MM = 1.0
 FAST = 2
 """Of the speed levels."""
@@ -38,7 +39,7 @@ def choose(page: Page, mode: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ["cobra", pytest.param("cobra-active", marks=pytest.mark.long)])
-def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot):
+def test_the_tip_goes_round_a_triangle_in_tip_mode_and_comes_back(tmp_path, robot):
     with running(tmp_path, *CALM, robot=robot) as stack, Page(stack.url) as page:
         page.arm()
         assert page.ask("speed", FAST)["ok"]
@@ -51,7 +52,7 @@ def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot)
         start = stack.observer.settled_tip()
         begin = np.array(page.snapshot["tip_mm"])
         corners = []
-        for aside in ([-1, 0, 0], [-1, 1, 0], [0, 1, 0], [0, 0, 0]):
+        for aside in (*CORNERS, (0, 0, 0)):
             aim = begin + SIDE_MM * np.array(aside, dtype=float)
             wait_for(f"the corner {aside}", lambda aim=aim: steer(page, aim), 40.0)
             page.release()
@@ -61,7 +62,7 @@ def test_the_tip_goes_round_a_square_in_tip_mode_and_comes_back(tmp_path, robot)
         f"{robot}: corners {np.round(np.array(corners) * 1e3, 1).tolist()} mm, closed to {1e3 * np.linalg.norm(corners[-1]):.1f} mm"
     )
     assert np.linalg.norm(corners[-1]) < 0.01 * REACH_M
-    for corner, aside in zip(corners, ([-1, 0, 0], [-1, 1, 0], [0, 1, 0]), strict=False):
+    for corner, aside in zip(corners, CORNERS, strict=False):
         np.testing.assert_allclose(corner * 1e3, SIDE_MM * np.array(aside), atol=0.2 * SIDE_MM)
 
 
@@ -72,22 +73,11 @@ def test_the_borescope_goes_in_turns_and_comes_out(tmp_path):
         assert page.ask("speed", FAST)["ok"]
         start = stack.observer.settled_tip()
 
-        def drive(until, **controls):
-            def there() -> bool:
-                if page.snapshot["phase"] != "driving":
-                    page.press()
-                page.hold(**controls)
-                return until(stack.observer.state)
-
-            wait_for("the way", there, 40.0)
-            page.release()
-            page.until_phase("ready")
-
-        drive(lambda state: state.commanded[FEED] > 0.35, rt=1)
+        page.drive_until(lambda: stack.observer.state.commanded[FEED] > 0.35, rt=1)
         inside = stack.observer.settled_tip()
         assert inside[2] - start[2] > 0.045
-        drive(lambda state: state.commanded[TWIST] > 0.7, right=[1, 0], buttons=["right_shoulder"])
+        page.drive_until(lambda: stack.observer.state.commanded[TWIST] > 0.7, right=[1, 0], buttons=["right_shoulder"])
         turned = stack.observer.settled_tip()
         np.testing.assert_allclose(turned, inside, atol=2e-3)
-        drive(lambda state: state.commanded[FEED] < 0.302, lt=1)
+        page.drive_until(lambda: stack.observer.state.commanded[FEED] < 0.302, lt=1)
         assert np.linalg.norm(stack.observer.settled_tip() - start) < 0.01 * REACH_M

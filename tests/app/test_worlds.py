@@ -22,12 +22,7 @@ def test_a_robot_in_a_pipe_tells_its_consoles_of_the_walls_and_of_what_touches(t
         with Page(stack.url) as hands:
             hands.arm()
             hands.ask("section", 2)
-            hands.hold()
-            hands.until_phase("driving")
-            hands.hold(left=[1.0, 0.0])
-            stack.observer.wait("the bend", lambda state: state.commanded[6] > 0.5)
-            hands.release()
-            hands.until_phase("ready")
+            hands.drive_until(lambda: stack.observer.state.commanded[6] > 0.5, left=[1.0, 0.0])
             truth = stack.observer.truth()
             told = hands.snapshot["profiles"]
         # Along every tendon, from motor over port to the end of each section that it passes; it is lost on the way.
