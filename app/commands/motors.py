@@ -176,7 +176,8 @@ COMMANDS = (
     ),
     Command(
         "motors home",
-        "find the zero of every tendon, more than once, and keep it with the spread",
+        "find the zero of every tendon, more than once, and keep it with the spread; twist counts from where it stands, and "
+        "the active segment is taken for wholly outside its port",
         home,
         "  cobra-teleop motors home --robot my-robot.toml\n"
         "  cobra-teleop motors home --bus main=slcan:/dev/ttyACM0 --runs 5 --leave off",
