@@ -26,8 +26,8 @@ DOUBT_N = 0.38
 """That may be by chance, and"""
 DRIFT_1_S = 0.025
 """a second of the change of tension, and"""
-UNSURE_SHARE = 1.2
-"""times the share by which the stiffness is unsure: of that change, and of what a stuck tendon would carry more."""
+UNSURE_N, UNSURE_SHARE = 1.0, 1.2
+"""times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more."""
 UNSETTLED_N, SETTLED_M = 5.0, 0.006
 """Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
 that is known as badly."""
@@ -121,7 +121,7 @@ class Jams:
         doubt = (
             DOUBT_N
             + DRIFT_1_S * age_s * changed
-            + self._unsure * (UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
+            + self._unsure * (UNSURE_N + UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
         )
         doubt += PRESSED_N * np.clip((self._pressed - PRESSED) / (1.0 - PRESSED), 0.0, 1.0)[:, None]
         judged = (would > LEAST_N) & (does > LEAST_SHARE * would) & (does < MOST_SHARE * would)
