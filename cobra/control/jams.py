@@ -22,11 +22,11 @@ LEAST_N = 0.45
 """What a stuck tendon would carry more than a healthy one (root mean square): with less nothing can be told."""
 LEAST_SHARE, MOST_SHARE = 0.3, 1.6
 """Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
-DOUBT_N = 0.38
+DOUBT_N = 0.36
 """That may be by chance, and"""
 DRIFT_1_S = 0.025
 """a second of the change of tension, and"""
-UNSURE_N, UNSURE_SHARE = 1.0, 1.2
+UNSURE_N, UNSURE_SHARE = 2.5, 1.2
 """times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more."""
 UNSETTLED_N, SETTLED_M = 5.0, 0.006
 """Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
