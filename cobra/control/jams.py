@@ -20,7 +20,7 @@ WINDOWS_S = (0.4, 2.0)
 LEAST_S = 0.2
 LEAST_N = 0.45
 """What a stuck tendon would carry more than a healthy one (root mean square): with less nothing can be told."""
-LEAST_SHARE, MOST_SHARE = 0.3, 1.6
+LEAST_SHARE, MOST_SHARE = 0.3, 1.3
 """Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
 DOUBT_N = 0.36
 """That may be by chance, and"""

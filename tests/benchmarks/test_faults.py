@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cobra.messages import Intent
 from cobra.simulation.drives import world_of
 from tests.bench import CHANNEL, Bench
 from tests.benchmarks.test_tensions import random_sticks
@@ -57,6 +58,42 @@ def drive(seed: int, number: int, fault: Fault, knows: str) -> tuple[str, float]
                 what = "blamed before there was any" if k < begins else "named" if right else "called something else"
                 return what, (k - begins + 1) * dt_s
     return "not named", np.nan
+
+
+def drive_along(seed: int, knows: str) -> float:
+    """Time until any tendon, jammed while the sticks wind it in or pay it out at full speed, is named; NaN within 4 s not."""
+    rng = np.random.default_rng([seed, 0xA1])
+    with Bench(seed=seed, losses="seeded") as bench:
+        if knows == "a sweep":
+            bench.loop.tendons.use(swept(seed, bench))
+        assert bench.home().phase == "ready"
+        for _ in range(5):
+            bench.tick()
+        section, hole = int(rng.integers(3)), int(rng.integers(4))
+        routing = bench.description.sections[section].routing
+        assert routing is not None
+        name, azimuth = routing.names[hole], np.radians(routing.azimuths_deg[hole] + rng.choice([0.0, 180.0]))
+        along = Intent(primary=(float(np.cos(azimuth)), float(np.sin(azimuth))), section=section, speed=1.0)
+        for _ in range(50):
+            bench.tick(along)
+        world_of(CHANNEL).plant.jam(name)
+        for k in range(400):
+            bench.tick(along)
+            if faults := bench.loop.tendons.faults:
+                assert f"tendon {name} is jammed" in faults[0]
+                return (k + 1) * bench.loop.period_s
+    return np.nan
+
+
+@pytest.mark.benchmark
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("knows", ["the description", "a sweep"])
+def test_a_jam_is_named_at_full_speed_along_the_tendon(knows: str) -> None:
+    times = np.sort([drive_along(seed, knows) for seed in range(1, 11)])
+    print(
+        f"\njammed, driven along at full speed, knowing {knows}: named after {np.round(times, 2)} s, median {np.median(times):.2f}"
+    )
+    assert np.isfinite(times).mean() >= 0.9 or knows == "the description"
 
 
 @pytest.mark.benchmark
