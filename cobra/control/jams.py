@@ -22,12 +22,14 @@ LEAST_N = 0.45
 """What a stuck tendon would carry more than a healthy one (root mean square): with less nothing can be told."""
 LEAST_SHARE, MOST_SHARE = 0.3, 1.3
 """Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
-DOUBT_N = 0.36
+DOUBT_N = 0.31
 """That may be by chance, and"""
 DRIFT_1_S = 0.025
 """a second of the change of tension, and"""
 UNSURE_N, UNSURE_SHARE = 2.5, 1.2
 """times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more."""
+RUBBING_SHARE = 1.5
+"""Of the tension that the conduit's friction may hold more than is known, to and fro."""
 UNSETTLED_N, SETTLED_M = 5.0, 0.006
 """Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
 that is known as badly."""
@@ -44,6 +46,7 @@ class Jams:
 
     def __init__(self, model: Rubbing, identified: Identified) -> None:
         self._unsure = identified.deviation.axial_stiffness_N / identified.losses.axial_stiffness_N
+        self._rubbing = RUBBING_SHARE * float(identified.deviation.conduit_capstan)
         # What is left of tensions once the bends that cause them are taken out, and how much of it each tendon alone makes.
         K, A = model.stiffness_N_m, model.slopes
         bending = K[:, None] * A
@@ -98,7 +101,7 @@ class Jams:
         self._stuck_square += dt_s * stuck**2
         self._change_square += dt_s * (expected - self._expected_before) ** 2
         self._pressed = np.maximum(self._pressed, estimate.pressed)
-        jammed = self._strength() if well else np.zeros_like(alone)
+        jammed = self._strength(estimate.motor_N) if well else np.zeros_like(alone)
         self._for_s = np.where(jammed > 0.0, self._for_s + dt_s, 0.0)
         for over in np.flatnonzero(self._left_s < dt_s / 2).tolist():
             self._begin(over, estimate)
@@ -113,7 +116,7 @@ class Jams:
         self._pressed[window] = estimate.pressed
         self._product[window] = self._stuck_square[window] = self._change_square[window] = 0.0
 
-    def _strength(self) -> Floats:
+    def _strength(self, tension: Floats) -> Floats:
         """(m,) [N] of what each carries beyond a healthy tendon, as one would that is stuck; 0 where it may be healthy."""
         age_s = np.maximum(self._age_s, LEAST_S)[:, None]
         would, changed = np.sqrt(self._stuck_square / age_s), np.sqrt(self._change_square / age_s)
@@ -121,6 +124,7 @@ class Jams:
         doubt = (
             DOUBT_N
             + DRIFT_1_S * age_s * changed
+            + self._rubbing * tension
             + self._unsure * (UNSURE_N + UNSURE_SHARE * (changed + would) + UNSETTLED_N * self._unsettled)
         )
         doubt += PRESSED_N * np.clip((self._pressed - PRESSED) / (1.0 - PRESSED), 0.0, 1.0)[:, None]
