@@ -22,11 +22,11 @@ LEAST_N = 0.45
 """What a stuck tendon would carry more than a healthy one (root mean square): with less nothing can be told."""
 LEAST_SHARE, MOST_SHARE = 0.3, 1.3
 """Of that is what a tendon carries beyond a healthy one. A jammed one's is about 1; less, where the others bend the robot."""
-DOUBT_N = 0.31
+DOUBT_N = 0.29
 """That may be by chance, and"""
 DRIFT_1_S = 0.025
 """a second of the change of tension, and"""
-UNSURE_N, UNSURE_SHARE = 2.5, 1.2
+UNSURE_N, UNSURE_SHARE = 4.0, 1.2
 """times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more."""
 RUBBING_SHARE = 1.5
 """Of the tension that the conduit's friction may hold more than is known, to and fro."""
