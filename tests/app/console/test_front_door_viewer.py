@@ -199,6 +199,7 @@ def test_a_viewer_that_stops_reading_is_cut_off_and_holds_nobody_up(
         max_queue=1,
         close_timeout=0.1,
     )
+    own = stuck.socket.getsockname()[1]  # now: once it is cut off, its end may be closed already
     cloud = viewer.scene.add_point_cloud("/cloud", np.zeros((50_000, 3), np.float32), (1, 2, 3), precision="float32")
     with look(door.port) as reader:
         for i in range(1, 100):
@@ -212,7 +213,6 @@ def test_a_viewer_that_stops_reading_is_cut_off_and_holds_nobody_up(
             time.sleep(0.02)
         assert door.counts["viewer does not read: cut off"] == 1
         wait_until(lambda: door.people["views"] == 1)
-        own = stuck.socket.getsockname()[1]
 
         def connected() -> bool:
             return any(other.raddr and other.raddr.port == own for other in psutil.Process().net_connections())
