@@ -1,5 +1,7 @@
 """What a guided sweep would tell of a twin with seeded losses, without the minutes that it takes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -34,3 +36,15 @@ def swept(seed: int, bench: Bench) -> Identified:
         found[name] = value * (1.0 + share * rng.standard_normal(() if name in IN_COMMON else np.shape(value)))
         sure[name] = share * value
     return Identified(Losses(**found), Losses(**sure), "a sweep")
+
+
+@contextmanager
+def ready(seed: int, knows: str, world: str = "free") -> Iterator[Bench]:
+    """A homed robot on a twin with seeded losses, that knows "the description" or "a sweep", ready to be driven."""
+    with Bench(seed=seed, losses="seeded", world=world) as bench:
+        if knows == "a sweep":
+            bench.loop.tendons.use(swept(seed, bench))
+        assert bench.home().phase == "ready"
+        for _ in range(5):
+            bench.tick()
+        yield bench

@@ -27,12 +27,12 @@ DOUBT_N = 0.29
 DRIFT_1_S = 0.025
 """a second of the change of tension, and"""
 UNSURE_N, UNSURE_SHARE = 4.0, 1.2
-"""times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more."""
-RUBBING_SHARE = 1.5
-"""Of the tension that the conduit's friction may hold more than is known, to and fro."""
+"""times the share by which the stiffness is unsure: so much, and of that change and of what a stuck tendon would carry more, and"""
 UNSETTLED_N, SETTLED_M = 5.0, 0.006
-"""Times that share, where a window began before the section's tendons had moved so far since homing: it leaves friction in them
-that is known as badly."""
+"""so much, where a window began before the section's tendons had moved so far since homing: it leaves friction in them that is
+known as badly; and"""
+RUBBING_SHARE = 1.5
+"""times the deviation of the conduit's capstan: of the tension, which friction may hold more or less than is known."""
 PRESSED, PRESSED_N = 0.85, 6.0
 """From this share on of the moments that are believed to come from outside at most, so much of a tension may be pretended where
 all are reached: hard against walls the robot is elsewhere than the model of its tendons says."""
@@ -54,8 +54,8 @@ class Jams:
         self._unbent = np.eye(len(K)) - bending @ np.linalg.solve(A.T @ bending, A.T) if A.size else np.eye(len(K))
         self._own = np.einsum("ji,j,ji->i", self._unbent, 1.0 / K, self._unbent)
         alike = (model.section_of[:, None] == model.section_of).astype(np.float64)
-        self._mean = alike / alike.sum(axis=1, keepdims=True)
-        """(m, m) of the tendons of each one's section."""
+        self._section_mean = alike / alike.sum(axis=1, keepdims=True)
+        """(m, m): of the tendons of each one's section."""
         self._length_s = 2.0 * np.repeat(WINDOWS_S, 2)
         self._stuck = StuckTendons(model, len(self._length_s))
         self.reset()
@@ -112,12 +112,13 @@ class Jams:
         self._stuck.begin(window)
         self._left_s[window], self._age_s[window] = self._length_s[window], 0.0
         self._alone_before[window], self._expected_before[window] = self._smooth, estimate.expected_N
-        self._unsettled[window] = np.clip(1.0 - self._mean @ self._path_m / SETTLED_M, 0.0, 1.0)
+        self._unsettled[window] = np.clip(1.0 - self._section_mean @ self._path_m / SETTLED_M, 0.0, 1.0)
         self._pressed[window] = estimate.pressed
         self._product[window] = self._stuck_square[window] = self._change_square[window] = 0.0
 
     def _strength(self, tension: Floats) -> Floats:
-        """(m,) [N] of what each carries beyond a healthy tendon, as one would that is stuck; 0 where it may be healthy."""
+        """(m,) [N] of what each, now at `tension` (m,), carries beyond a healthy one, as one would that is stuck; 0 where it
+        may be healthy."""
         age_s = np.maximum(self._age_s, LEAST_S)[:, None]
         would, changed = np.sqrt(self._stuck_square / age_s), np.sqrt(self._change_square / age_s)
         does = self._product / age_s / np.maximum(would, 1e-9)

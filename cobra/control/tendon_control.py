@@ -20,6 +20,7 @@ from cobra.kinematics.ramps import shortened
 from cobra.mechanics.losses import Identified, described, load
 from cobra.mechanics.rubbing import Rubbing
 from cobra.mechanics.slack_shape import SlackShape
+from cobra.mechanics.stuck import StuckTendons
 from cobra.messages import CompensationState, Tendons
 
 MOVING_RAD_S = 1e-3
@@ -79,7 +80,9 @@ class TendonControl:
     def warm_up(self) -> None:
         """Compile what the tendons' model needs: seconds the first time on a machine. Not while driving."""
         if self.available:
-            Rubbing(self.description, self.identified.losses).warm_up()
+            model = Rubbing(self.description, self.identified.losses)
+            model.warm_up()
+            StuckTendons(model, 1).advance(np.zeros(len(self._index)))
 
     def prepare(self, identified: Identified) -> None:
         """Take these parameters when it is homed next."""

@@ -15,7 +15,7 @@ from cobra.control.tension import SLACK_SHARE
 from cobra.messages import Intent
 from cobra.simulation.drives import world_of
 from tests.bench import CHANNEL, Bench
-from tests.swept import swept
+from tests.swept import ready
 
 SECONDS = float(os.environ.get("COBRA_DRIVE_S", "600"))
 SEEDS = [int(seed) for seed in os.environ.get("COBRA_DRIVE_SEEDS", "1").split(",")]
@@ -64,12 +64,7 @@ def longest_s(bad: np.ndarray, dt_s: float) -> np.ndarray:
 def drive(seed: int, world: str, knows: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """True tensions (ticks, m) at the motors, least along each tendon, and the faults named."""
     motors, least, named = [], [], []
-    with Bench(seed=seed, losses="seeded", world=world) as bench:
-        if knows == "a sweep":
-            bench.loop.tendons.use(swept(seed, bench))
-        assert bench.home().phase == "ready"
-        for _ in range(5):
-            bench.tick()
+    with ready(seed, knows, world) as bench:
         known = 0
         for k, intent in enumerate(random_sticks(seed, round(SECONDS / bench.loop.period_s), bench.loop.period_s)):
             state = bench.tick(intent)
